@@ -36,11 +36,7 @@ from dmis.formats.load_scene import SHIPPED
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    parser = make_parser()
-    options, unknown = parser.parse_known_args(arguments)
-    if unknown:
-        fix = f"python -m dmis {options.command} --help lists its options"
-        parser.error(f"{options.command} does not take {' '.join(unknown)}; {fix}")
+    options = make_parser().parse_args(arguments)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print(f"dmis: warning: {message}", file=sys.stderr)  # type: ignore[assignment]

@@ -54,33 +54,25 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
     list of Outcome
         One for each check. A right light fails any of them with a probability of 1e-4; a pdf that is 7 % off fails.
     """
-    name = name or type(light).__name__
-    views: list[DensityView] = []
-    corners: list[DensityView] = []
-    cameras: list[DensityView] = []
 
-    def check_form() -> str:
+    def prepare() -> list[Check]:
         check_light_form(light)
-        if not light.delta:
-            if not light.infinite and light.mesh() is None:
-                raise Fault("mesh() must return the visible surface, a dmis.Mesh, which the camera sees")
-            points, special = _receivers(light)
-            views.extend(_view(light, p, uniforms(COUNT, k), _from(p)) for k, p in enumerate(points, 1))
-            corners.extend(_view(light, p, CORNERS[:2], f"receiver {place}") for place, p in special.items())
-            cameras.extend(_cameras(light, points))
-        return "methods and shapes are right"
-
-    def run() -> Iterator[Check]:
-        yield "methods and forms of light samples", check_form
         if light.delta:
-            yield "values are finite, and fall off", lambda: _check_delta(light)
-            return
-        yield from view_checks(views, corners, LEVEL, "the radiance of hit", light.hides_itself())
-        yield "the camera sees what hit reports", lambda: check_hit(cameras, share=_OUTLINE, name="the camera")
-        yield "radiance is at most brightness", lambda: _check_brightness(light, views)
-        yield "renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(light)
+            return [("values are finite, and fall off", lambda: _check_delta(light))]
+        if not light.infinite and light.mesh() is None:
+            raise Fault("mesh() must return the visible surface, a dmis.Mesh, which the camera sees")
+        points, special = _receivers(light)
+        views = [_view(light, p, uniforms(COUNT, k), _from(p)) for k, p in enumerate(points, 1)]
+        corners = [_view(light, p, CORNERS[:2], f"receiver {place}") for place, p in special.items()]
+        cameras = list(_cameras(light, points))
+        return [
+            *view_checks(views, corners, LEVEL, "the radiance of hit", light.hides_itself()),
+            ("the camera sees what hit reports", lambda: check_hit(cameras, share=_OUTLINE, name="the camera")),
+            ("radiance is at most brightness", lambda: _check_brightness(light, views)),
+            ("renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(light)),
+        ]
 
-    return run_checks(name, run())
+    return run_checks(name or type(light).__name__, "forms of what its methods return", prepare)
 
 
 def _placement(light: Any) -> tuple[Array, Array, Array, Array, float]:

@@ -6,7 +6,7 @@ directions are those below, and both sides of the surface are tried.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -57,35 +57,28 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
         If it is no lobe, lacks a method, or is a Dirac delta with an `albedo`.
     """
     material = Material((lobe,))
-    name = name or type(lobe).__name__
     if lobe.delta and albedo:
-        raise ValueError(f"the albedo of a Dirac delta is not checked: {name}")
-    if lobe.delta:
-        return _check_delta_lobe(material, name)
-    places = [(k, outside) for outside in (True, False)[: 1 + lobe.has_sides()] for k in ANGLES]
-    eta2 = [lobe.eta_scale() ** (2 if outside else -2) for _, outside in places]
-    views: list[DensityView] = []
-    corners: list[DensityView] = []
+        raise ValueError(f"the albedo of a Dirac delta is not checked: {name or type(lobe).__name__}")
 
-    def check_form() -> str:
+    def prepare() -> list[Check]:
         check_lobe_form(lobe)
-        numbers = [uniforms(COUNT, round(degrees) + 90 * outside) for degrees, outside in places]
-        views.extend(_view(material, *place, u) for place, u in zip(places, numbers, strict=True))
-        corners.extend(_view(material, degrees, True, CORNERS[:2]) for degrees in GRAZING)
+        if lobe.delta:
+            return [("scatter: directions and factors", lambda: _check_scatter(material))]
+        places = [(k, outside) for outside in (True, False)[: 1 + lobe.has_sides()] for k in ANGLES]
+        views = [_view(material, k, outside, uniforms(COUNT, round(k) + 90 * outside)) for k, outside in places]
+        corners = [_view(material, degrees, True, CORNERS[:2]) for degrees in GRAZING]
         check_unit("sample", views[0].wi, views[0].place)
-        return "shapes are right, directions are unit vectors"
+        eta2 = [lobe.eta_scale() ** (2 if outside else -2) for _, outside in places]
+        return [
+            *view_checks(views, corners, LEVEL, "eval cos"),
+            *([("albedo is as expected", lambda: _check_albedo(views, albedo))] if albedo else []),
+            ("eval reflects no more than arrives (energy)", lambda: _check_energy(views, eta2)),
+            ("eval is reciprocal", lambda: _check_reciprocity(material)),
+            ("weight is eval cos / pdf", lambda: _check_weight(material, views)),
+            ("renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(material)),
+        ]
 
-    def run() -> Iterator[Check]:
-        yield "forms of what eval, pdf and sample return", check_form
-        yield from view_checks(views, corners, LEVEL, "eval cos")
-        if albedo:
-            yield "albedo is as expected", lambda: _check_albedo(views, albedo)
-        yield "eval reflects no more than arrives (energy)", lambda: _check_energy(views, eta2)
-        yield "eval is reciprocal", lambda: _check_reciprocity(material)
-        yield "weight is eval cos / pdf", lambda: _check_weight(material, views)
-        yield "renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(material)
-
-    return run_checks(name, run())
+    return run_checks(name or type(lobe).__name__, "forms of what its methods return", prepare)
 
 
 def _points(material: Material, degrees: float, count: int, outside: bool = True) -> ShadingPoints:
@@ -194,20 +187,15 @@ def _check_renders(material: Material) -> str:
     return compare_means(box_scene(material, (ABOVE, BELOW)), TECHNIQUES_ALONE, z_limit(LEVEL), advice)
 
 
-def _check_delta_lobe(material: Material, name: str) -> list[Outcome]:
-    """Check the directions and factors of the only lobe of `material`, a Dirac delta."""
-
-    def scatter() -> str:
-        check_lobe_form(material.lobes[0])
-        largest = 0.0
-        for outside in (True, False):
-            for degrees in (*ANGLES, *GRAZING[1:]):
-                points = surface(material, polar(degrees) * [1, 1, degrees < 90], 4, outside=outside)
-                wi, factor = points.delta[0].scatter(points)
-                largest = max(largest, _check_scattered(points, wi, factor, f"wo at {degrees:g}°"))
-        return f"factors of at most {largest:.3f}"
-
-    return run_checks(name, [("scatter: directions and factors", scatter)])
+def _check_scatter(material: Material) -> str:
+    """Raise a Fault if directions or factors are wrong from any side and angle."""
+    largest = 0.0
+    for outside in (True, False):
+        for degrees in (*ANGLES, *GRAZING[1:]):
+            points = surface(material, polar(degrees) * [1, 1, degrees < 90], 4, outside=outside)
+            wi, factor = points.delta[0].scatter(points)
+            largest = max(largest, _check_scattered(points, wi, factor, f"wo at {degrees:g}°"))
+    return f"factors of at most {largest:.3f}"
 
 
 def _check_scattered(points: ShadingPoints, wi: Array, factor: Array, place: str) -> float:

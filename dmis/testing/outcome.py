@@ -42,25 +42,31 @@ def require(outcomes: Iterable[Outcome]) -> None:
         raise AssertionError("there are no outcomes: nothing was checked")
 
 
-def run_checks(name: str, checks: Iterable[Check]) -> list[Outcome]:
-    """Run checks in order and return their outcomes, whose names begin with the `name` of what is checked.
+def run_checks(name: str, form: str, prepare: Callable[[], Iterable[Check]]) -> list[Outcome]:
+    """Return the outcomes of the check `form`, which is `prepare`, and of the checks that it returns.
 
-    Any exception but a `Fault` is a failure that names the function and line that raised it. The first check is of the
-    form: if it fails, it is the only outcome.
+    Names of outcomes begin with the `name` of what is checked. Any exception but a `Fault` is a failure that names the
+    function and line that raised it. If `prepare` fails, that is the only outcome.
     """
-    outcomes: list[Outcome] = []
-    for title, check in checks:
-        full = f"{name}: {title}"
-        try:
-            with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
-                outcomes.append(Outcome(full, True, check()))
-        except Fault as fault:
-            outcomes.append(Outcome(full, False, str(fault)))
-        except Exception as error:
-            outcomes.append(Outcome(full, False, raised(error)))
-        if not outcomes[0].passed:
-            break
-    return outcomes
+    checks: list[Check] = []
+
+    def check_form() -> str:
+        checks.extend(prepare())
+        return "as promised"
+
+    outcomes = [_outcome(f"{name}: {form}", check_form)]
+    return outcomes + [_outcome(f"{name}: {title}", check) for title, check in checks]
+
+
+def _outcome(name: str, check: Callable[[], str]) -> Outcome:
+    """Return the outcome of one check."""
+    try:
+        with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
+            return Outcome(name, True, check())
+    except Fault as fault:
+        return Outcome(name, False, str(fault))
+    except Exception as error:
+        return Outcome(name, False, raised(error))
 
 
 class Fault(Exception):

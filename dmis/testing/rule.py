@@ -13,7 +13,7 @@ from dmis.fit.rule import Rule
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
-from dmis.testing.outcome import Fault, Outcome, run_checks
+from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import box_scene, compare_means
 from dmis.testing.statistics import level, z_limit
 
@@ -37,18 +37,19 @@ def check_rule(rule: Rule | str, name: str = "") -> list[Outcome]:
         One for each check. A right rule fails any of them with a probability of 1e-4.
     """
     name = name or (rule if isinstance(rule, str) else type(rule).__name__)
-    sizes = [_scene(size) for size in ((16, 16), (21, 13), (1, 1))]  # whole patches, cut ones, a single pixel
-    dark = [box_scene(matte(0.0)), box_scene(lights=()), box_scene(eye=(0, -3, 6), target=(0, 40, 0))]
-    return run_checks(
-        name,
-        [
-            ("it is a rule", lambda: _check_form(rule)),
+
+    def prepare() -> list[Check]:
+        make_rule(rule)
+        sizes = [_scene(size) for size in ((16, 16), (21, 13), (1, 1))]  # whole patches, cut ones, a single pixel
+        dark = [box_scene(matte(0.0)), box_scene(lights=()), box_scene(eye=(0, -3, 6), target=(0, 40, 0))]
+        return [
             ("fit returns shares in [0, 1] of the shape of the image", lambda: _check_fit(rule, sizes)),
             ("fit copes with a pilot without variance", lambda: _check_fit(rule, dark)),
             ("fit depends on the pilot alone", lambda: _check_deterministic(rule)),
             ("renders agree with balance", lambda: _check_renders(rule, name)),
-        ],
-    )
+        ]
+
+    return run_checks(name, "it is a rule", prepare)
 
 
 def _render(rule: Rule | str, scene: Scene, seed: int = 0) -> Result:
@@ -64,12 +65,6 @@ def _render(rule: Rule | str, scene: Scene, seed: int = 0) -> Result:
 
 def _scene(size: tuple[int, int] = (16, 16)) -> Scene:
     return box_scene(plastic(0.4, 0.4, 0.05), resolution=size)
-
-
-def _check_form(rule: Rule | str) -> str:
-    """Return a message if an object is a rule; raise a ValueError if not."""
-    pilot = ", ".join(f"{n} samples at w = {w}" for w, n in make_rule(rule).pilot.items())
-    return f"pilot: {pilot or 'none'}"
 
 
 def _check_fit(rule: Rule | str, scenes: list[Scene]) -> str:

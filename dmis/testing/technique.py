@@ -49,25 +49,21 @@ def check_technique(technique: Technique) -> list[Outcome]:
     list of Outcome
         One for each check. A right technique fails any of them with a probability of 1e-4; a pdf that is 7 % off fails.
     """
-    name = technique.name
-    views: list[DensityView] = []
-    corners: list[DensityView] = []
 
-    def check_form() -> str:
+    def prepare() -> list[Check]:
         if not 2 <= technique.numbers <= 4:
             raise Fault(f"numbers must be 2 to 4, the uniform numbers of a sample; got {technique.numbers}")
-        for place in _PLACES:
-            views.append(_view(technique, *place, uniforms(COUNT, round(place[2]), technique.numbers)))
-            for degrees in (0.0, 89.99, 90.0):
-                corners.append(_view(technique, *place[:2], degrees, place[3], CORNERS[: technique.numbers]))
-        return "shapes are right"
+        numbers = [uniforms(COUNT, round(place[2]), technique.numbers) for place in _PLACES]
+        views = [_view(technique, *place, u) for place, u in zip(_PLACES, numbers, strict=True)]
+        corners = [
+            _view(technique, light, lit_by, degrees, glossy, CORNERS[: technique.numbers])
+            for light, lit_by, _, glossy in _PLACES
+            for degrees in (0.0, 89.99, 90.0)
+        ]
+        checks = view_checks(views, corners, LEVEL)[: None if technique.exact else 1]
+        return [*checks, ("renders agree with balance", lambda: _check_renders(technique))]
 
-    def run() -> Iterator[Check]:
-        yield "forms of what sample and pdf return", check_form
-        yield from view_checks(views, corners, LEVEL)[: None if technique.exact else 1]
-        yield "renders agree with balance", lambda: _check_renders(technique)
-
-    return run_checks(name, run())
+    return run_checks(technique.name, "forms of what its methods return", prepare)
 
 
 def _view(

@@ -68,11 +68,11 @@ def test_require_lists_what_failed() -> None:
     def fail() -> str:
         raise Fault("pdf is wrong")
 
-    outcomes = run_checks("Mine", [("a", lambda: "fine"), ("b", fail), ("c", lambda: str(1 / 0))])
-    assert outcomes[0] == Outcome("Mine: a", True, "fine")
+    outcomes = run_checks("Mine", "a", lambda: [("b", fail), ("c", lambda: str(1 / 0))])
+    assert outcomes[0] == Outcome("Mine: a", True, "as promised")
     with pytest.raises(AssertionError, match=r"2 of 3 checks failed:\nMine: b: pdf is wrong\nMine: c: .*Zero") as error:
         require(outcomes)
     assert "(test_density.py, line " in str(error.value)
-    assert len(run_checks("Mine", [("form", fail), ("b", lambda: "fine")])) == 1
+    assert len(run_checks("Mine", "form", lambda: [fail(), ("b", lambda: "fine")])) == 1
     with pytest.raises(AssertionError, match="nothing was checked"):
         require([])
