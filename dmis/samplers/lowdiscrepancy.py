@@ -22,13 +22,13 @@ This sampler belongs to the reproduction of the thesis, which was made with pbrt
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from functools import lru_cache
+from collections.abc import Hashable
 
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.pixel_block import CONTINUE, PixelBlock
+from dmis.samplers.sobol import shifted_points, shifts
 
 BOUNCES = 3
 """Vertices of a path that have sequences; later ones have random numbers. pbrt-v2's SAMPLE_DEPTH."""
@@ -43,7 +43,7 @@ class LowDiscrepancy:
         self._rng, self._pixels = block.rng, len(block.pixels)
         self._length, self._bits = block.stops[-1] * block.shading_samples, _bits(block.stops[-1])
         self._pixel = self._number = np.empty(0, np.int64)
-        self._words: dict[Hashable, np.ndarray] = {}
+        self._words: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
         self._orders: dict[Hashable, np.ndarray] = {}
         self._inner_orders: dict[Hashable, np.ndarray] = {}
 
@@ -61,9 +61,9 @@ class LowDiscrepancy:
         if key not in self._orders:
             self._orders[key] = nested_order(self._rng, bits)
         pixel = take(self._pixel, index)
-        *digits, begin = self._words_of(key).take(pixel, axis=1)
-        place = np.minimum(number, self._length - 1) ^ (begin & np.uint32(2**bits - 1))
-        return _fractions(_points(bits).take(self._orders[key].take(place), axis=1), digits)
+        shift, begin = self._words_of(key)
+        place = np.minimum(number, self._length - 1) ^ (begin.take(pixel) & np.uint32(2**bits - 1))
+        return shifted_points(0, self._orders[key].take(place), shift, pixel)
 
     def draw_block(self, key: Hashable, index: Selection | None, sample: int, count: int) -> Array:
         """See `dmis.samplers.streams.BlockSampler.draw_block`."""
@@ -74,20 +74,21 @@ class LowDiscrepancy:
             self._orders[key] = _permutations(self._rng, self._pixels, self._bits)
             self._inner_orders[key] = _permutations(self._rng, INNER_ORDERS, bits)
         pixel = take(self._pixel, index)
-        *digits, begin = self._words_of(key).take(pixel, axis=1)
+        shift, begin = self._words_of(key)
         point = self._orders[key].take((pixel << self._bits) + take(self._number, index))
         if bits:
-            row = (point + begin) % INNER_ORDERS
+            row = (point + begin.take(pixel)) % INNER_ORDERS
             point = (point.astype(np.int64) << bits) + self._inner_orders[key].take((row << bits) + sample)
-        return _fractions(_points(self._bits + bits).take(point, axis=1), digits)
+        return shifted_points(0, point, shift, pixel)
 
     def _random(self, index: Selection | None) -> Array:
         return self._rng.random((2, size(index, len(self._pixel))), dtype=np.float32)
 
-    def _words_of(self, key: Hashable) -> np.ndarray:
-        """Return the random words s_0 and s_1 of each pixel, and one for its orders, ``(3, P)`` uint32."""
+    def _words_of(self, key: Hashable) -> tuple[np.ndarray, np.ndarray]:
+        """Return s_0 and s_1 of each pixel, as `shifts` has them, and a random word for its orders, ``(P,)`` each."""
         if key not in self._words:
-            self._words[key] = self._rng.integers(2**32, size=(3, self._pixels), dtype=np.uint32)
+            words = self._rng.integers(2**32, size=(3, self._pixels), dtype=np.uint32)
+            self._words[key] = shifts(words[:2].T.copy().view(np.uint64)[:, 0]), words[2]
         return self._words[key]
 
 
@@ -116,25 +117,3 @@ def _bounce(key: Hashable) -> int:
 def _bits(count: int) -> int:
     """Return the least k with ``2^k >= count``."""
     return (count - 1).bit_length()
-
-
-@lru_cache(maxsize=16)
-def _points(bits: int) -> np.ndarray:
-    """Return the first ``2^bits`` points without scrambles, as 32-bit fractions ``(2, 2^bits)`` uint32.
-
-    Point ``i + 2^k`` is point i XOR column k of the generator matrices, ``2^(31-k)`` for van der Corput's sequence;
-    column k + 1 of Sobol' second dimension is column k XOR its shift by one digit.
-    """
-    points, sobol = np.zeros((2, 1), np.uint32), 2**31
-    for k in range(bits):
-        column = np.array([[2 ** (31 - k)], [sobol]], np.uint32)
-        points = np.concatenate([points, points ^ column], axis=1)
-        sobol ^= sobol >> 1
-    return points
-
-
-def _fractions(digits: np.ndarray, scramble: Sequence[np.ndarray]) -> Array:
-    """Return scrambled digits ``(2, N)`` as float32 numbers in [0, 1)."""
-    for row, word in zip(digits, scramble, strict=True):
-        row ^= word
-    return (digits >> np.uint32(8)).astype(np.float32) * np.float32(2**-24)

@@ -89,18 +89,9 @@ class Sobol:
         pair = () if key == "camera" else key
         assert isinstance(pair, tuple)
         if pair not in self._shifts:
-            shift = mix(self._pixel_words + _word(pair)).view(np.uint32)
-            self._shifts[pair] = (shift >> np.uint32(32 - DIGITS)).view(np.uint64)
+            self._shifts[pair] = shifts(mix(self._pixel_words + _word(pair)))
         i = take(self._number, index) if number is None else number
-        bits = int(i.max(initial=0)).bit_length()
-        # A(i) = A(low bits of i) XOR A(high bits of i), and so are the points
-        digits = points(order_of(pair), 0).take(i if bits <= PART else i & LOW, mode="wrap")
-        for part in range(1, -(-bits // PART)):
-            digits ^= points(order_of(pair), part).take(i >> PART * part & LOW, mode="wrap")
-        digits ^= take(self._shifts[pair], take(self._pixel, index))
-        u = digits.view(np.int32).reshape(-1, 2).T.astype(np.float32, order="C")
-        u *= np.float32(2**-DIGITS)
-        return u
+        return shifted_points(order_of(pair), i, self._shifts[pair], take(self._pixel, index))
 
     def draw_block(self, key: Hashable, index: Selection | None, sample: int, count: int) -> Array:
         """See `dmis.samplers.streams.BlockSampler.draw_block`."""
@@ -114,6 +105,24 @@ class Sobol:
     def rounding_order(self, number: np.ndarray) -> np.ndarray:
         """See `dmis.samplers.streams.RoundingSampler.rounding_order`."""
         return reordered(ROUNDING, number)
+
+
+def shifts(words: np.ndarray) -> np.ndarray:
+    """Return digit shifts of points, as `points` has their digits, of random `words` ``(N,)`` uint64."""
+    return (words.view(np.uint32) >> np.uint32(32 - DIGITS)).view(np.uint64)
+
+
+def shifted_points(order: int, i: np.ndarray, shift: np.ndarray, pixel: np.ndarray) -> Array:
+    """Return points A(i) of an order in N pixels, whose digit shifts are `shift` ``(P,)``; ``(2, N)`` in [0, 1)."""
+    bits = int(i.max(initial=0)).bit_length()
+    # A(i) = A(low bits of i) XOR A(high bits of i), and so are the points
+    digits = points(order, 0).take(i if bits <= PART else i & LOW, mode="wrap")
+    for part in range(1, -(-bits // PART)):
+        digits ^= points(order, part).take(i >> PART * part & LOW, mode="wrap")
+    digits ^= take(shift, pixel)
+    u = digits.view(np.int32).reshape(-1, 2).T.astype(np.float32, order="C")
+    u *= np.float32(2**-DIGITS)
+    return u
 
 
 def order_of(pair: tuple[int, ...]) -> int:
