@@ -27,7 +27,7 @@ from dmis.estimator.records import Record, Statistic
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import REFERENCE_SEED, cache_path, remove_halves, render_halves
+from dmis.experiment.reference import REFERENCE_SEED, cache_path, render_halves
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
@@ -86,17 +86,14 @@ def make_oracle(
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
-        rule = (_CurveMaps if weigh == "samples" else _TiltMaps)(
-            patch=patch, spp=spp // 2, filter="none", combiner=settings.combiner
-        )
-        results = render_halves(
-            path, scene, rule, spp // 2 + 1, REFERENCE_SEED + 2, settings=settings, parallel=parallel, progress=progress
-        )
-        rays: Counter[str] = sum((Counter(result.provenance["pilot_rays"]) for result in results), Counter())
-        maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _CURVE_PARTS}
-        with replacing(path) as partial, open(partial, "wb") as archive:
-            np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
-        remove_halves(path)
+        maps_of_curves = _CurveMaps if weigh == "samples" else _TiltMaps
+        rule = maps_of_curves(patch=patch, spp=spp // 2, filter="none", combiner=settings.combiner)
+        more = {"settings": settings, "parallel": parallel, "progress": progress}
+        with render_halves(path, scene, rule, spp // 2 + 1, REFERENCE_SEED + 2, **more) as halves:
+            rays: Counter[str] = sum((Counter(half.provenance["pilot_rays"]) for half in halves), Counter())
+            maps = {name: np.stack([half.maps[name] for half in halves]).astype(np.float32) for name in _CURVE_PARTS}
+            with replacing(path) as partial, open(partial, "wb") as archive:
+                np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
     counted, parts = read_curves(path)
     # V(w) = curve + Var_y(I)
     variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,13 +123,6 @@ def make_reference(
         Folder of the cache. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
     parallel, progress
         See `dmis.pipeline.render.render`. An interrupted half is resumed.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
-    OSError
-        If it cannot be written.
     """
     spp = whole("spp", spp, 1, MAX_SPP)
     given = make_settings(settings, **options)
@@ -139,12 +133,9 @@ def make_reference(
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_image(path)
-        first, second = render_halves(
-            path, scene, rule, spp, REFERENCE_SEED, settings=settings, sampler="sobol", parallel=parallel,
-            progress=progress,
-        )  # fmt: skip
-        write_exr(path, {"first": first.image, "second": second.image}, {"spp": str(spp)})
-        remove_halves(path)
+        more = {"settings": settings, "sampler": "sobol", "parallel": parallel, "progress": progress}
+        with render_halves(path, scene, rule, spp, REFERENCE_SEED, **more) as (first, second):
+            write_exr(path, {"first": first.image, "second": second.image}, {"spp": str(spp)})
     try:
         layers, _ = read_exr(path)
         return Reference(layers["first"], layers["second"], spp)
@@ -152,33 +143,27 @@ def make_reference(
         raise ValueError(f"reference {path} is damaged ({error}); remove it, and it is rendered again") from error
 
 
-def render_halves(path: Path, scene: Scene, rule: Rule | str, spp: int, seed: int, **options: Any) -> list[Result]:
-    """Render the two halves that a file of the cache is made of; interrupted ones are resumed.
+@contextmanager
+def render_halves(
+    path: Path, scene: Scene, rule: Rule | str, spp: int, seed: int, **options: Any
+) -> Iterator[list[Result]]:
+    """Render and yield the two halves that a file of the cache is made of, which the block writes.
 
-    Their checkpoints lie beside the file `path`, until `remove_halves` removes them. One that another version of dmis
-    has left there, or a damaged one, is discarded: nothing else writes into the cache. Other arguments are those of
-    `dmis.pipeline.render.render`; `seed` is that of the first half, and the second has the next one.
+    Interrupted halves are resumed: checkpoints lie beside the file `path`, until it is written. One that another
+    version of dmis has left there, or a damaged one, is discarded: nothing else writes into the cache. Other arguments
+    are those of `dmis.pipeline.render.render`; `seed` is that of the first half, and the second has the next one.
     """
-    results = []
-    for half, checkpoint in enumerate(_checkpoints(path)):
+    results, checkpoints = [], [path.with_suffix(f".{half}.tiles") for half in range(2)]
+    for half, checkpoint in enumerate(checkpoints):
         options |= {"seed": seed + half, "checkpoint": checkpoint}
         try:
             results.append(render(scene, rule, spp, **options))
         except UnusableCheckpoint:
             remove_checkpoint(checkpoint)
             results.append(render(scene, rule, spp, **options))
-    return results
-
-
-def remove_halves(path: Path) -> None:
-    """Remove the checkpoints of both halves of a file of the cache, because it is written."""
-    for checkpoint in _checkpoints(path):
+    yield results
+    for checkpoint in checkpoints:
         remove_checkpoint(checkpoint)
-
-
-def _checkpoints(path: Path) -> list[Path]:
-    """Return the checkpoints of the halves of a file of the cache."""
-    return [path.with_suffix(f".{half}.tiles") for half in range(2)]
 
 
 def cache_path(scene: Scene, kind: str, key: Sequence[Any], folder: str | os.PathLike[str] | None) -> Path:

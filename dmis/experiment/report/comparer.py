@@ -91,10 +91,6 @@ def show(
     ------
     ImportError
         If matplotlib (extra ``plot``), which has the colours of errors, is missing and there is a `reference`.
-    TypeError
-        If `images` is not a mapping, or empty.
-    ValueError
-        If an image is not of the shape above.
     """
     if not isinstance(images, Mapping) or not images:
         raise TypeError(
