@@ -77,12 +77,10 @@ def decode_image(data: bytes, name: str) -> np.ndarray:
 def linear_values(pixels: np.ndarray, linear: bool = False, alpha: bool = False) -> Array:
     """Return the image of pixels, see `load_image`; the last of 2 or 4 channels is opacity."""
     count = 3 if pixels.shape[2] > 2 else 1
-    if pixels.dtype.kind == "f" and pixels.shape[2] == count + alpha:
-        return pixels.astype(np.float32, copy=False)
-    image = np.ones((*pixels.shape[:2], count + alpha), np.float32)
     if pixels.dtype.kind == "f":
-        image[..., : pixels.shape[2]] = pixels[..., : count + alpha]
-        return image
+        shown = np.ascontiguousarray(pixels[..., : count + alpha], np.float32)
+        return shown if shown.shape[2] == count + alpha else np.insert(shown, count, 1, axis=2)
+    image = np.ones((*pixels.shape[:2], count + alpha), np.float32)
     steps = np.arange(np.iinfo(pixels.dtype).max + 1) / np.iinfo(pixels.dtype).max
     curve = steps if linear else srgb_to_linear(steps)
     for row, values in zip(pixels, image, strict=True):  # by rows: as indices, pixels take 8 bytes a channel
