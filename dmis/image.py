@@ -44,12 +44,8 @@ def write_exr(
 
     A three-channel layer called ``RGB`` is the image; ``name.R``, ``name.G``, ``name.B`` hold any other.
 
-    Raises
-    ------
-    ValueError
-        If the extension is not .exr, a layer has another shape, or the image is not finite.
-    OSError
-        If the directory does not exist or the disk is full; an earlier file at `path` is then left as it was.
+    A ValueError if the extension is not .exr, a layer has another shape, or the image is not finite; an OSError if it
+    cannot be written: an earlier file at `path` is then left as it was.
     """
     import OpenEXR  # imported where used: it is not needed to render
 
@@ -76,14 +72,8 @@ def write_exr(
 def read_exr(path: str | os.PathLike[str], most_values: int = MAX_VALUES) -> tuple[dict[str, Array], dict[str, str]]:
     """Read the layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, without alpha.
 
-    A file with more than `most_values` values in all of its channels is too large.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it cannot be read as EXR, or its header says that it is too large.
+    A FileNotFoundError if there is no such file; a ValueError if it cannot be read as EXR, or if its header says that
+    it has more than `most_values` values in all of its channels.
     """
     import OpenEXR
 

@@ -33,7 +33,7 @@ class Materials:
     def __init__(self, gltf: Gltf) -> None:
         self._gltf = gltf
         self.unread: Counter[str] = Counter()
-        self._materials: dict[int | None, Material] = {}
+        self.material = lru_cache(maxsize=None)(self._material)
         self._pixels = lru_cache(maxsize=1)(self._decoded)
         self._counted: set[tuple[str, str]] = set()
 
@@ -52,10 +52,8 @@ class Materials:
         entry = self.entry(number)
         return any(name.endswith("Texture") for name in (*entry, *entry.get("pbrMetallicRoughness", {})))
 
-    def material(self, number: int | None, colours: Image | tuple[float, ...] | None = None) -> Material:
+    def _material(self, number: int | None, colours: Image | tuple[float, ...] | None = None) -> Material:
         """Return a material, with `colours` that multiply its base colour."""
-        if colours is None and number in self._materials:
-            return self._materials[number]
         entry = self.entry(number)
         surface, extensions = entry.get("pbrMetallicRoughness", {}), entry.get("extensions", {})
         *base, alpha = surface.get("baseColorFactor", (1, 1, 1, 1))
@@ -88,10 +86,7 @@ class Materials:
             extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
             alpha if entry.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
         )
-        material = Material(unnamed.lobes, name, relief)
-        if colours is None:
-            self._materials[number] = material
-        return material
+        return Material(unnamed.lobes, name, relief)
 
     def mask(self, number: int | None, mesh: Mesh) -> Mask | None:
         """Return the holes that the opacity of a material's texture cuts; None if there are none."""

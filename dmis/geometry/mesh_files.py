@@ -77,12 +77,8 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
         None: shading normals if the file has them. True: shading normals of the file, else means over all faces that
         meet at a *position* (in STL no two faces share a vertex). False: no shading normals.
 
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the extension is unknown, or the file cannot be read or holds no triangles. Both messages name the file.
+    A FileNotFoundError if there is no such file; a ValueError that names it if the extension is unknown, or the file
+    cannot be read or holds no triangles.
     """
     path = Path(path)
     suffix = path.suffix.lower()

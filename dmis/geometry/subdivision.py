@@ -38,10 +38,7 @@ def loop_subdivide(vertices: npt.ArrayLike, faces: npt.ArrayLike, levels: int) -
     levels
         Number of refinements, >= 0. The result has F·4^levels triangles, at most `MAX_SUBDIVIDED`, wound like `faces`.
 
-    Raises
-    ------
-    ValueError
-        If `levels` is out of range, or the faces are not such manifolds; the message names the edge or the vertex.
+    A ValueError if `levels` is out of range, or the faces are not such manifolds; it names the edge or the vertex.
     """
     cage = Mesh(np.asarray(vertices, np.float64), np.asarray(faces))
     levels = whole("levels", levels, 0)
