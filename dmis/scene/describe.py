@@ -69,12 +69,7 @@ def describe_source(source: Mapping[str, Any]) -> Iterator[str]:
     if "added" in source:
         yield f"  added to the file: {'; '.join(source['added'])}"
     if "dialect" in source:
-        reasons = {
-            "file": "by the words of the file",
-            "caller": "as the caller says",
-            "guess": "a guess, because the words of the file fit several; dialect= or --dialect settles it",
-        }
-        yield f"  dialect of pbrt: {source['dialect']}, {reasons[source['dialect_from']]}"
+        yield f"  dialect of pbrt: {source['dialect']}, from: {source['dialect_from']}"
     if found := source.get("quadrics"):
         shapes = "sphere, cylinder or disk" if found["shapes"] == 1 else "spheres, cylinders and disks"
         yield (

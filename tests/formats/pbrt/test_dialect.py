@@ -229,10 +229,10 @@ def test_a_dialect_that_is_a_guess_is_named(tmp_path, capsys):
         warnings.simplefilter("always")
         assert main(["info", str(path)]) == 0
     printed = capsys.readouterr()
-    assert "dialect of pbrt: v2, a guess" in printed.out and "--dialect v3" in printed.err
+    assert "dialect of pbrt: v2, from: guess" in printed.out and "--dialect v3" in printed.err
     assert main(["info", str(path), "--dialect", "v3"]) == 0
     printed = capsys.readouterr()
-    assert "dialect of pbrt: v3, as the caller says" in printed.out and not printed.err
+    assert "dialect of pbrt: v3, from: caller" in printed.out and not printed.err
 
 
 def test_a_file_without_world_end_may_be_of_v4(tmp_path):
