@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 26_662, "tests": 26_815}
+LINES = {"dmis": 26_652, "tests": 26_815}
 """Lines of Python files."""
 WORDS = 42_981
 """Words of the pages, tables included."""

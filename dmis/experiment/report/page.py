@@ -57,7 +57,7 @@ def _section(number: int, c: Comparison) -> str:
     alarms = noise, alarm.summary(run for by_seed in c.runs.values() for run in by_seed)
     elements = [
         f'<section id="s{number}"><h2>{escaped(c.scene)}</h2>',
-        f'<p class="facts">{width}×{height} pixels · {tables.count_text(c.seeds, "seed")} · '
+        f'<p class="facts">{width}×{height} pixels · seeds: {c.seeds} · '
         f"{escaped(c.about['parallel'])} · {escaped(c.reference.text())}</p>",
         *(f'<p class="alarm">⚠ {escaped(text)}</p>' for text in alarms if text),
         *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),

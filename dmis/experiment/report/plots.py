@@ -36,11 +36,6 @@ INK = "#010203"
 AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "seconds"}
 
 
-def line_style(index: int) -> tuple[str, str]:
-    """Return the colour and marker of a rule, by its index in the order of rules."""
-    return RULE_COLOURS[index % len(RULE_COLOURS)], RULE_MARKS[index % len(RULE_MARKS)]
-
-
 def error_lines(
     axis: Axes,
     runs: Mapping[Budget, Sequence[Run]],
@@ -58,7 +53,7 @@ def error_lines(
     lows = []
     for k, rule in enumerate(dict.fromkeys(rule for rule, _ in runs)):
         x, mse = line(runs, rule, over, measure)
-        colour, mark = line_style(k)
+        colour, mark = RULE_COLOURS[k % len(RULE_COLOURS)], RULE_MARKS[k % len(RULE_MARKS)]
         errors = mse.mean(axis=0), mse.min(axis=0), mse.max(axis=0)
         mean, low, high = (np.sqrt(np.where(error > 0, error, np.nan)) for error in errors)
         axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)

@@ -125,11 +125,6 @@ def share_text(value: float) -> str:
     return "–" if np.isnan(value) else f"{value:.0%}"
 
 
-def count_text(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural unless the number is 1."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
 def escaped(value: object) -> str:
     """Return a value as text with HTML's special characters escaped."""
     return html.escape(str(value))
