@@ -70,7 +70,7 @@ def write_exr(
 
 
 def read_exr(path: str | os.PathLike[str], most_values: int = MAX_VALUES) -> tuple[dict[str, Array], dict[str, str]]:
-    """Read the layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, without alpha.
+    """Read the layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, its alpha ``A``.
 
     A FileNotFoundError if there is no such file; a ValueError if it cannot be read as EXR, or if its header says that
     it has more than `most_values` values in all of its channels.
@@ -95,7 +95,7 @@ def read_exr(path: str | os.PathLike[str], most_values: int = MAX_VALUES) -> tup
     except Exception as error:
         raise ValueError(f"cannot read {path} as EXR: {error}") from error
     if "RGBA" in layers:
-        layers["RGB"] = np.ascontiguousarray(layers.pop("RGBA")[..., :3])
+        layers["RGB"], layers["A"] = np.split(layers.pop("RGBA"), [3], axis=2)
     return layers, attributes
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from pathlib import Path
 
@@ -95,6 +96,8 @@ def _decode(data: bytes, suffix: str) -> np.ndarray:
 
     if suffix == ".jpg" and (scans := data.count(b"\xff\xda")) > MAX_SCANS:  # which begin so, and no other data does
         raise ValueError(f"it must have at most {MAX_SCANS} scans; it has {scans}")
+    if suffix == ".hdr" and not re.search(rb"\n-Y \d+ \+X \d+\n", data[:4096]):
+        raise ValueError("its rows must go down and to the right, with -Y and +X in its header; turn it")
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     with tempfile.TemporaryDirectory() as folder:
@@ -115,10 +118,10 @@ def _decode(data: bytes, suffix: str) -> np.ndarray:
 
 
 def _exr(path: Path) -> Array:
-    """Return the channels R, G and B of an EXR file, ``(H, W, 3)``, or Y, ``(H, W, 1)``."""
+    """Return the channels R, G, B and A of an EXR file, ``(H, W, 3 or 4)``, or Y, ``(H, W, 1)``."""
     layers, _ = read_exr(path, MAX_VALUES * 3 // 8)  # 800 MB
     if "RGB" in layers:
-        return layers["RGB"]
+        return np.dstack([layers["RGB"], layers["A"]]) if "A" in layers else layers["RGB"]
     if "Y" not in layers:
         raise ValueError(f"image {path} must have the channels R, G, B or Y; it has {', '.join(layers)}")
     return layers["Y"][..., None]

@@ -35,19 +35,20 @@ class BumpMap:
     image
         One channel.
     unit_tangents
-        Whether smooth meshes have tangents of length 1, as in pbrt-v2 and v3; else both are as long as dp/du, as in v4.
-        None: dp/du and dp/dv stay, as on spheres and cylinders of all versions.
+        Of smooth meshes in pbrt. True: both tangents have length 1 and point backwards, as in v2 and v3, so that
+        heights turn normals the other way. False: the second is n x dp/du, as in v4. None: dp/du and dp/dv stay, as on
+        spheres and cylinders of all versions.
     """
 
     image: Image
-    unit_tangents: bool | None = False
+    unit_tangents: bool | None = None
 
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
         """See `Relief.normals`; slopes are differences over a texel."""
         s, t = (v - n * dot(n, v) for v in (dpdu, dpdv))
         if smooth and self.unit_tangents is not None:
-            s = normalise(s) if self.unit_tangents else s
-            t = _beside(n, s, t)
+            s = -normalise(s) if self.unit_tangents else s
+            t = np.cross(n, s, axis=0)
         height, width, _ = self.image.texels.shape
         steps = np.diag([0.5 / (width * self.image.scale[0]), 0.5 / (height * self.image.scale[1])]).astype(np.float32)
         slopes = (self.image(uv + d[:, None])[0] - self.image(uv - d[:, None])[0] for d in steps)
@@ -57,7 +58,7 @@ class BumpMap:
 
 @dataclass(frozen=True, eq=False)
 class NormalMap:
-    """Directions, ``2 texel - 1`` along dp/du, across it towards dp/dv, and along the outside.
+    """Directions, ``2 texel - 1`` along dp/du, across it, and along the outside.
 
     Parameters
     ----------
@@ -65,22 +66,22 @@ class NormalMap:
         Three channels in [0, 1], linear.
     strength
         Factor of the first two components.
+    towards_dpdv
+        Whether the second axis is on the side of dp/dv, as in glTF; else it is n x dp/du, as in pbrt-v4.
     """
 
     image: Image
     strength: float = 1.0
+    towards_dpdv: bool = True
 
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
         """See `Relief.normals`."""
         x, y, z = np.broadcast_to(self.image(uv) * 2 - 1, n.shape)
         s = normalise(dpdu - n * dot(n, dpdu))
-        return _towards(n, (s * x + _beside(n, s, dpdv) * y) * np.float32(self.strength) + n * z)
-
-
-def _beside(n: Array, s: Array, t: Array) -> Array:
-    """Return vectors across `n` and `s`, on the side of `t`, ``(3, N)``."""
-    across = np.cross(n, s, axis=0)
-    return across * np.copysign(np.float32(1), dot(across, t))
+        t = np.cross(n, s, axis=0)
+        if self.towards_dpdv:
+            t *= np.copysign(np.float32(1), dot(t, dpdv))
+        return _towards(n, (s * x + t * y) * np.float32(self.strength) + n * z)
 
 
 def _towards(n: Array, turned: Any) -> Array:

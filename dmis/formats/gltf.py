@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,11 @@ def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
         radiance, two_sided = materials.emission(material, mesh), materials.entry(material).get("doubleSided", False)
         if (light := None if radiance is None else model.lamp(mesh, radiance, two_sided)) is not None:
             mesh = Mesh(mesh.vertices, light.faces, mesh.normals, mesh.uv)
-        model.add(mesh, materials.material(material, image), light, materials.mask(material, mesh))
+        surface = materials.material(material, image)
+        if light is not None and two_sided and surface.relief is not None:  # it would turn both sides alike
+            materials.leave_out("normal map of a surface that emits on both sides", material)
+            surface = replace(surface, relief=None)
+        model.add(mesh, surface, light, materials.mask(material, mesh))
     for node, matrix in gltf.nodes:
         if "camera" in node:
             _add_camera(gltf.json["cameras"][node["camera"]], node, matrix, model)

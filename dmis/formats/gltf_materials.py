@@ -24,7 +24,7 @@ from dmis.geometry.mesh import Mesh
 from dmis.image_reader import decode_image, linear_values
 from dmis.scene.masks import Mask
 
-_CLAMP, _MIRROR = 33071, 33648
+_CLAMP, _MIRROR, _NEAREST = 33071, 33648, 9728
 
 
 class Materials:
@@ -84,7 +84,7 @@ class Materials:
             roughness,
             coat.get("specularFactor", 1.0),
             extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
-            alpha if entry.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
+            alpha if entry.get("alphaMode") == "BLEND" and not isinstance(colour, Image) else 1.0,
         )
         return Material(unnamed.lobes, name, relief)
 
@@ -96,16 +96,15 @@ class Materials:
         if image is None or mesh.uv is None:
             return None
         factor = min(max(surface.get("baseColorFactor", (1, 1, 1, 1))[3], 0.0), 1.0)
-        cutoff = None if mode == "BLEND" else min(max(entry.get("alphaCutoff", 0.5), 1e-6), 1.0)
-        whole = factor * image.texels.min() >= (cutoff or 1.0)
+        cutoff = None if mode == "BLEND" else entry.get("alphaCutoff", 0.5)
+        whole = factor * image.texels.min() >= (1.0 if cutoff is None else cutoff)
         return None if whole else Mask(cast(Image, scale(factor, image)), cutoff)
 
     def is_clear(self, number: int | None) -> bool:
-        """Return whether a material without a texture is nowhere there, because its opacity is below the cutoff."""
+        """Return whether a material is nowhere there, because its factor of opacity is below the cutoff."""
         entry = self.entry(number)
-        surface = {"baseColorFactor": (1, 1, 1, 1), **entry.get("pbrMetallicRoughness", {})}
-        is_mask = entry.get("alphaMode") == "MASK" and "baseColorTexture" not in surface
-        return is_mask and bool(surface["baseColorFactor"][3] < entry.get("alphaCutoff", 0.5))
+        opacity = min(entry.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))[3], 1)
+        return entry.get("alphaMode") == "MASK" and bool(opacity < entry.get("alphaCutoff", 0.5))
 
     def emission(self, number: int | None, mesh: Mesh) -> Any:
         """Return the radiance of triangles with a material, a colour or an image; None if they emit nothing."""
@@ -150,7 +149,8 @@ class Materials:
         elif channel is not None and pixels.shape[2] > 2:
             pixels = pixels[..., channel : channel + 1]
         texels = linear_values(pixels, linear or channel == 3)
-        return Image(texels, (s, t), (u, 1 - t - v), "clamp" if wraps == {_CLAMP} else "repeat")
+        wrap: Any = "clamp" if wraps == {_CLAMP} else "repeat"
+        return Image(texels, (s, t), (u, 1 - t - v), wrap, sampler.get("magFilter") == _NEAREST)
 
     def _decoded(self, number: int) -> np.ndarray:
         """Return the pixels of an image, ``(H, W, 1 to 4)``; `_pixels` keeps those of the last one."""

@@ -87,7 +87,7 @@ def _add(name: str, mtl: Statements, mesh: Mesh, model: Model, images: dict[Any,
     if "map_Kd" in mtl:
         image = _image(mtl["map_Kd"][1], model, images)
         kd = kd if image is None else scale(kd if any(kd) else 1.0, image)
-    opacity = 1 - _values(mtl, "Tr", (0.0,), 1)[0] if "Tr" in mtl else _values(mtl, "d", (1.0,), 1)[0]
+    opacity = _values(mtl, "d", (1 - _values(mtl, "Tr", (0.0,), 1)[0],), 1)[0]  # exporters differ about Tr
     roughness = 1 / min(max(_values(mtl, "Ns", (10.0,))[0], 1), MAX_LOBE_EXPONENT)
     if opacity < 1:
         material = uber(kd, ks, roughness=roughness, opacity=opacity)

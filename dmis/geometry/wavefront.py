@@ -20,6 +20,8 @@ _CORNER = re.compile(r"(-?\d{1,12})(?:/(-?\d{1,12})?(?:/(-?\d{1,12})?)?)?", re.A
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _ABSENT = 2**40
 """Index of what a corner lacks: larger than any of a file."""
+MOST_CONCAVE = 256
+"""Most corners of a polygon whose ears are cut off."""
 _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
 """Statements that are refused, because they make surfaces or read other files."""
 
@@ -28,9 +30,9 @@ def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
     """Return the meshes of the bytes of an OBJ file, by the name of their material, "" above any ``usemtl``; what
     follows ``mtllib``, names of files with the materials; and whether vertices have a colour, which is not read.
 
-    A polygon is a fan about its first corner. If some faces of a mesh have normals, the others have their geometric
-    normal; if some have texture coordinates, those of the others are 0. A ValueError if the file is not text, has no
-    faces, or a line cannot be read; the message begins with the line's number.
+    A polygon is a fan about its first corner, or is cut along its ears, if it is concave. If some faces of a mesh have
+    normals, the others have their geometric normal; if some have texture coordinates, those of the others are 0. A
+    ValueError if the file is not text, has no faces, or a line cannot be read; the message begins with its number.
     """
     lines = _lines(data)
     heads = np.array([(line.lstrip()[:8].split() or [""])[0] for line in lines])
@@ -44,7 +46,7 @@ def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
     names = {name: number for number, name in enumerate(dict.fromkeys(used))}
     material = np.array([names[name] for name in used])[np.searchsorted(uses, rows)]
     libraries = tuple(dict.fromkeys(" ".join(lines[k].split()[1:]) for k in np.flatnonzero(heads == "mtllib")))
-    corners, material = corners[_fans(sides)], np.repeat(material, sides - 2)
+    corners, material = corners[_triangles(sides, positions[corners[:, 0]])], np.repeat(material, sides - 2)
     meshes = {name: _mesh(tables, corners[material == names[name]]) for name in names if names[name] in material}
     return meshes, libraries, coloured
 
@@ -121,12 +123,40 @@ def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints, Ints]:
     return np.where(np.repeat(whole, sides, axis=0), corners, -1), sides, np.fromiter(faces, np.int64)
 
 
-def _fans(sides: Ints) -> Ints:
-    """Return the corners of the triangles (0, 1, 2), (0, 2, 3), ... of polygons of `sides` (N,) corners, (F, 3)."""
-    count = sides - 2
-    first = np.repeat(np.cumsum(sides) - sides, count)
-    second = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first + 1
-    return np.stack([first, second, second + 1], axis=1)
+def _triangles(sides: Ints, points: Floats) -> Ints:
+    """Return the corners of the triangles of polygons of `sides` (N,) corners at `points` (C, 3), (F, 3).
+
+    They are the fan (0, 1, 2), (0, 2, 3), ..., or `_ears` where one of it is wound against its polygon.
+    """
+    count, begin = sides - 2, np.cumsum(sides) - sides
+    polygon, place = np.repeat(np.arange(len(sides)), count), np.cumsum(count) - count
+    second = np.arange(count.sum()) - place[polygon] + begin[polygon] + 1
+    triangles = np.stack([begin[polygon], second, second + 1], axis=1)
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    cross = np.cross(b - a, c - a)
+    normal = np.add.reduceat(cross, place)
+    against = (cross * normal[polygon]).sum(axis=1) < -1e-9 * (normal[polygon] ** 2).sum(axis=1)
+    for k in np.unique(polygon[against]):
+        if sides[k] <= MOST_CONCAVE:
+            corners = slice(begin[k], begin[k] + sides[k])
+            triangles[place[k] : place[k] + count[k]] = begin[k] + _ears(points[corners], normal[k])
+    return triangles
+
+
+def _ears(points: Floats, normal: Floats) -> Ints:
+    """Return triangles of one polygon (N, 3), cut off at corners in which no other one is, (N - 2, 3)."""
+    left, ears = list(range(len(points))), []
+    while len(left) > 3:
+        for k, b in enumerate(left):
+            a, c = left[k - 1], left[(k + 1) % len(left)]
+            others = points[[n for n in left if n not in (a, b, c)]]
+            sides = ((points[y] - points[x], others - points[x]) for x, y in ((a, b), (b, c), (c, a)))
+            inside = np.logical_and.reduce([np.cross(side, to) @ normal >= 0 for side, to in sides])
+            if np.cross(points[b] - points[a], points[c] - points[b]) @ normal > 0 and not inside.any():
+                break
+        ears.append((a, b, c))  # the last one, if lines cross
+        left.remove(b)
+    return np.array([*ears, left])
 
 
 def _mesh(tables: tuple[Floats, Floats, Floats], corners: Ints) -> Mesh:

@@ -69,9 +69,9 @@ def test_bumps_follow_the_scale_of_texture_coordinates():
     np.testing.assert_allclose(n[:2] / n[2], -waves(UV / 2)[1] / 2, atol=2e-3)
 
 
-@pytest.mark.parametrize("unit, length", [(True, 1.0), (False, 3.0)])
-def test_tangents_of_smooth_meshes_have_the_lengths_of_pbrt(unit, length):
-    """v2 and v3 bring them to length 1, v4 both to that of dp/du."""
+@pytest.mark.parametrize("unit, length", [(True, -1.0), (False, 3.0)])
+def test_tangents_of_smooth_meshes_are_those_of_pbrt(unit, length):
+    """v2 and v3 bring them to length 1 and turn them back, v4 has both as long as dp/du."""
     flat = quad((0, 0, 0), (3, 0, 0), (0, 5, 0))
     smooth = Mesh(flat.vertices, flat.faces, np.tile([0.0, 0, 1], (4, 1)), flat.uv)
     n = normals_at(BumpMap(HEIGHTS, unit), UV, smooth)

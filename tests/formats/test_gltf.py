@@ -398,6 +398,25 @@ def test_opacity(tmp_path):
     assert clear.transmittance == (0.75,) and base.reflectance == (0.25, 0.25, 0.25)
 
 
+@pytest.mark.parametrize("cutoff, parts, masked", [(0, 1, False), (0.5, 1, True), (1.5, 0, False)])
+def test_cutoffs_of_all_and_of_nothing(tmp_path, cutoff, parts, masked):
+    """A texel is there if its opacity is at least the cutoff: at 0 all are, above 1 none."""
+    file, data = File(), io.BytesIO()
+    surface = {"baseColorTexture": {"index": file.texture(PIXELS)}}
+    PIL.fromarray(np.concatenate([PIXELS, 0 * PIXELS[..., :1]], axis=2)).save(data, "PNG")
+    file.json["images"][0]["bufferView"] = file.view(data.getvalue())
+    file.mesh({"pbrMetallicRoughness": surface, "alphaMode": "MASK", "alphaCutoff": cutoff}).mesh()
+    loaded = file.load(tmp_path, lights=[]).parts
+    assert len(loaded) == parts + 1 and any(part.mask is not None for part in loaded) == masked
+
+
+def test_normal_maps_of_two_sided_lamps_are_named(tmp_path):
+    file = File()
+    glowing = {"emissiveFactor": [1, 1, 1], "doubleSided": True, "normalTexture": {"index": file.texture(PIXELS)}}
+    with pytest.warns(SceneWarning, match="left out: normal map of a surface that emits on both sides$"):
+        assert file.mesh(glowing).load(tmp_path).parts[0].material.relief is None
+
+
 @pytest.mark.parametrize("mode, cutoff", [("MASK", 0.25), ("BLEND", None), ("OPAQUE", None)])
 def test_masks(tmp_path, mode, cutoff):
     """The opacity of the base colour, times its factor; none where it cuts nothing."""

@@ -52,7 +52,7 @@ def test_coats_and_metals(load):
     np.testing.assert_allclose(metal.fresnel(np.ones(1, np.float32))[:, 0], [0.9, 0.6, 0.2], rtol=1e-5)
 
 
-@pytest.mark.parametrize("statement", ["d 0.25", "Tr 0.75", "d -halo 0.25"])
+@pytest.mark.parametrize("statement", ["d 0.25\nTr 0.25", "d 0.25", "Tr 0.75", "d -halo 0.25"])
 def test_opacity(load, statement):
     clear, diffuse = lobes(load(f"newmtl a\nKd .8\n{statement}\n"))
     assert isinstance(clear, SpecularTransmission) and clear.transmittance == (0.75,)

@@ -94,6 +94,23 @@ def test_polygons_beside_faces_of_as_many_numbers(tmp_path):
     assert (mesh.uv[mesh.faces] == 0.5).all(axis=(1, 2)).sum() == 1
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_concave_polygons_keep_their_outline(tmp_path, seed):
+    """Stars, turned in space: triangles wound as the polygon, whose areas add up to its own, cover it once."""
+    rng = np.random.default_rng(seed)
+    n = 4 + 3 * seed
+    angle, radius = np.sort(rng.random(n) + np.arange(n)) * 2 * np.pi / n, rng.uniform(0.2, 3, n)
+    plane, axes = radius * [np.cos(angle), np.sin(angle)], np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    points = plane.T @ axes[:2]
+    lines = [f"v {x} {y} {z}" for x, y, z in points.tolist()]
+    mesh = load(tmp_path, "\n".join([*lines, "f " + " ".join(map(str, range(1, n + 1)))]))
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    areas = np.cross(b - a, c - a) @ np.cross(axes[0], axes[1]) / 2
+    x, y = plane
+    assert mesh.triangles == n - 2 and (areas > 0).all()
+    assert areas.sum() == pytest.approx((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)
+
+
 def test_texture_coordinates_of_one_number(tmp_path):
     mesh = load(tmp_path, QUAD + "vt .1\nvt .2 .3\nf 1/1 2/2 3/1\n")
     np.testing.assert_allclose(mesh.uv[mesh.faces[0]], [[0.1, 0], [0.2, 0.3], [0.1, 0]])
@@ -143,12 +160,12 @@ def test_random_files_keep_their_triangles(tmp_path, seed):
     allowed = rng.permutation(4)[: rng.integers(1, 5)]
     for _ in range(30):
         for _ in range(rng.integers(0, 9)):
-            points.append(rng.integers(0, 9, 3))
+            points.append((len(points), len(points) ** 2, 5))  # on a parabola, so that polygons are convex
             lines += ["v {} {} {}".format(*points[-1]), "vt .5 .5", "vn 0 0 1"]
         if rng.random() < 0.3:
             lines.append(f"usemtl {rng.integers(3)}")
         if len(points) >= 7:
-            index = rng.permutation(len(points))[: rng.integers(3, 8)]
+            index = np.sort(rng.permutation(len(points))[: rng.integers(3, 8)])
             words = index - len(points) if rng.random() < 0.5 else index + 1
             lines.append("f " + " ".join(forms[rng.choice(allowed)].format(k, k) for k in words))
             expected += [np.array(points)[index[[0, k, k + 1]]] for k in range(1, len(index) - 1)]

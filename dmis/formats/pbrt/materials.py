@@ -97,7 +97,7 @@ def _relief(p: Parameters) -> Relief | None:
     heights = p.real("displacement" if p.dialect == "v4" else "bumpmap", 0.0)
     if p.dialect == "v4" and "normalmap" in p.items:
         p.refuse("a material must have a displacement or a normalmap, not both", "displacement")
-        return NormalMap(Image(image(p, "normalmap", encoded=False)[::-1]))
+        return NormalMap(Image(image(p, "normalmap", encoded=False)[::-1]), towards_dpdv=False)
     return BumpMap(heights, p.dialect != "v4") if isinstance(heights, Image) else None
 
 

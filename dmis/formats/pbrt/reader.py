@@ -14,7 +14,7 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
-from dmis.formats.pbrt.dialect import V4
+from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.notes import Notes, Refusals
@@ -146,7 +146,8 @@ class Reader:
 
     def make_material(self, name: Token, parameters: Parameters) -> Material:
         """Return the material `name` made from parameters."""
-        return make_material(name, replace(parameters, textures=self.state.textures), self.state.named_materials)
+        textures = self.state.textures if self.dialect is V2 else parameters.textures  # of the shape; of the line
+        return make_material(name, replace(parameters, textures=textures), self.state.named_materials)
 
     def to_world(self) -> Floats:
         """Return the current transform (4, 4), which must be invertible, finite and affine where it is used."""

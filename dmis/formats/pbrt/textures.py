@@ -2,7 +2,8 @@
 
 The first row of an image is t = 0 in pbrt-v2, and t = 1 in v3 and v4. A texel is (scale * texel) ^ gamma in v2. Files
 of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is linear, and in textures of v3, unless
-``gamma`` is false, but not in v2 and in skies of v3. A float texture takes the luminance of an image, in v4 its mean.
+``gamma`` is false, but not in v2 and in skies of v3. A float texture takes the luminance of an image, in v3 before it
+is decoded; in v4 its opacity, if it has any, or its mean.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dmis.base.vectors import Array
 from dmis.brdf.texture import Image, combine, scale
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.tokens import Token, blame
+from dmis.image import srgb_to_linear
 from dmis.image_reader import IMAGE_SUFFIXES, load_image
 
 TEXTURES = "constant", "scale", "mix", "imagemap", "checkerboard"
@@ -79,13 +81,20 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
     offset = p.number("udelta", 0), p.number("vdelta", 0)
     factor, v4 = p.number("scale", 1), p.dialect == "v4"
     gamma = p.number("gamma", 1) if p.dialect == "v2" else 1.0
-    texels = image(p, "filename", _is_encoded(p)).astype(np.float32 if factor == gamma == 1 else float, copy=False)
+    encoded, grey = _is_encoded(p), kind == "float"
+    texels = image(p, "filename", encoded and (v4 or not grey), alpha=v4 and grey)
+    texels = texels.astype(np.float32 if factor == gamma == 1 else float, copy=False)
     if p.dialect != "v2":
         texels = texels[::-1]
-    if kind == "float":
-        texels = texels.mean(axis=2, keepdims=True, dtype=float) if v4 else texels @ LUMINANCE[:, None]
+    if v4 and grey:
+        opacity = texels[..., 3:]
+        texels = opacity if (opacity < 1).any() else texels[..., :3].mean(axis=2, keepdims=True, dtype=float)
+    elif grey:
+        texels = srgb_to_linear(texels @ LUMINANCE[:, None]) if encoded else texels @ LUMINANCE[:, None]
     texels = texels if factor == 1 else factor * texels
     invert = v4 and p.boolean("invert", False)
+    if invert and wrap == "black":
+        raise p.items["invert"].error("must be false if wrap is black, because it is white outside of the image then")
     if invert or (v4 and kind == "color"):
         texels = np.maximum(1 - texels if invert else texels, 0)
     texels = texels if gamma == 1 else np.maximum(texels, 0) ** gamma
@@ -103,8 +112,8 @@ def _is_encoded(p: Parameters) -> bool:
     return p.dialect == "v3" and p.boolean("gamma", True)
 
 
-def image(p: Parameters, name: str, encoded: bool | None = None) -> Array:
-    """Read the image file that the string parameter `name` names, (H, W, 3) float32; alpha is dropped.
+def image(p: Parameters, name: str, encoded: bool | None = None, alpha: bool = False) -> Array:
+    """Read the image file that the string parameter `name` names, (H, W, 3) float32, or (H, W, 4) with `alpha`.
 
     Whole numbers are decoded from sRGB if `encoded`; by default in v4 only, as those of skies.
     """
@@ -115,5 +124,6 @@ def image(p: Parameters, name: str, encoded: bool | None = None) -> Array:
         known = ", ".join(suffix[1:].upper() for suffix in _FORMATS[p.dialect])
         raise token.error(f"images of pbrt-{p.dialect} must be {known}; convert {file!r} to .exr, with linear values")
     with blame(token):
-        texels = load_image(path, linear=not (p.dialect == "v4" if encoded is None else encoded))
-    return np.broadcast_to(texels, (*texels.shape[:2], 3))
+        texels = load_image(path, linear=not (p.dialect == "v4" if encoded is None else encoded), alpha=alpha)
+    count = 3 + alpha
+    return texels if texels.shape[2] == count else texels[..., [0, 0, 0, 1][:count]]

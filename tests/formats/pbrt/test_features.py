@@ -317,6 +317,59 @@ def test_bump_maps_on_spheres(read, tmp_path, dialect, axis, length):
     np.testing.assert_allclose(bumped / smooth, (1 + 0.5 / length) / np.hypot(1, 0.5 / length), rtol=0.01)
 
 
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
+def test_slopes_of_bump_maps(read, tmp_path, dialect, smooth):
+    """Heights of slope 1/8 along x, lit from (1, 0, 1); in v2 and v3 smooth normals turn back, by u of length 1."""
+    ramp = np.broadcast_to(np.linspace(0, 0.5, 256, dtype=np.float32), (4, 256))
+    write_exr(tmp_path / "a.exr", {"RGB": np.repeat(ramp[..., None], 3, 2)})
+    kind, name, point = ("diffuse", "displacement", "point3") if dialect == "v4" else ("matte", "bumpmap", "point")
+    world = f'LightSource "distant" "{point} from" [1 0 1] "{point} to" [0 0 0] Texture "h" "float" "imagemap" '
+    world += f'"string filename" "a.exr" Material "{kind}" "texture {name}" "h"'
+    add = FLOOR + ' "normal N" [0 0 1  0 0 1  0 0 1  0 0 1]' * smooth
+    view = 'Camera "perspective" "float fov" 1'
+    bumped, even = (mean(read(dialect, text, view, add))[0] for text in (world, world.partition(' "texture')[0]))
+    slope = 0.5 if smooth and dialect != "v4" else -0.125
+    np.testing.assert_allclose(bumped / even, (1 + slope) / np.hypot(1, slope), rtol=2e-3)
+
+
+@pytest.mark.parametrize("before", ["", "ReverseOrientation", "Scale -1 1 1"])
+def test_green_of_normal_maps_is_across_the_outside(read, tmp_path, before):
+    """v4: the second axis is n x dp/du, which ReverseOrientation turns; lit from (0, 1, 1)."""
+    write_exr(tmp_path / "a.exr", {"RGB": np.full((4, 4, 3), [0.5, 0.8, 0.9], np.float32)})
+    world = 'LightSource "distant" "point3 from" [0 1 1] "point3 to" [0 0 0] Material "diffuse"'
+    mapped, even = (mean(read("v4", f"{world}{more} {before}"))[0] for more in (' "string normalmap" "a.exr"', ""))
+    up = -0.6 if before.startswith("Scale") else 0.6
+    np.testing.assert_allclose(mapped / even, up + 0.8, rtol=1e-3)
+
+
+def test_materials_have_the_textures_of_their_line(read):
+    """v3: a texture that is defined anew later is another one; v2 makes materials where shapes are."""
+    red, green = (f'Texture "t" "color" "constant" "rgb value" [{rgb}]' for rgb in (".5 0 0", "0 .5 0"))
+    for dialect, expected in (("v2", 0), ("v3", 0.5)):
+        scene = read(dialect, f'{red} Material "matte" "texture Kd" "t" {green}')
+        assert lobes(scene)[0].reflectance[0] == expected
+
+
+def test_float_textures_of_coloured_images(read, tmp_path):
+    """v4 takes the opacity of an image that has some, v3 the luminance of what the file holds, and decodes that."""
+    oiio = pytest.importorskip("OpenImageIO")
+    pixels = np.zeros((2, 2, 4), np.uint8)
+    pixels[..., 0], pixels[..., 3] = 255, [[255, 255], [0, 255]]
+    for name, data in (("a.png", pixels), ("b.png", np.ascontiguousarray(pixels[..., :3]))):
+        out = oiio.ImageOutput.create(str(tmp_path / name))
+        out.open(str(tmp_path / name), oiio.ImageSpec(2, 2, data.shape[2], "uint8"))
+        out.write_image(data)
+        out.close()
+    texture = 'Texture "t" "float" "imagemap" "string filename" '
+    scene = read("v4", f'{texture} "a.png"', add=f'{FLOOR} "texture alpha" "t"')
+    np.testing.assert_allclose(scene.parts[-1].mask.image.texels[..., 0], [[0, 1], [1, 1]], atol=1e-6)
+    scene = read("v3", f'{texture} "b.png" Material "plastic" "texture roughness" "t"')
+    alpha = read("v3", 'Material "plastic" "float roughness" 0.0372')
+    got, expected = (lobes(one)[-1].roughness for one in (scene, alpha))
+    np.testing.assert_allclose(got.alpha.texels, expected.alpha, rtol=2e-3)
+
+
 @pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
 def test_bump_maps(read, tmp_path, dialect):
     write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(2).random((4, 4, 3)).astype(np.float32)})
