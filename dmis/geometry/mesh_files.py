@@ -121,14 +121,13 @@ def _load(data: bytes, suffix: str) -> Mesh:
         return mesh
     import trimesh
 
-    bare: dict[str, Any] = {}
     if suffix == ".ply":
         header, end, rest = data.partition(b"end_header")
         _check_ply(header.decode("latin-1"), rest)
         header = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t")  # names that trimesh does not know
-        data, bare = header + end + rest, {"skip_materials": True}  # a material is an image
-    # process=True would merge and reorder vertices
-    loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **bare)
+        data = header + end + rest
+    # process=True would merge and reorder vertices; a material is an image
+    loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True)
     return concatenate([mesh for _, mesh in placed_meshes(loaded)])  # ASCII STL may hold several
 
 

@@ -116,7 +116,7 @@ def test_samples_follow_the_density(name: str, kinds: tuple[int, ...]) -> None:
     places = ((0.1, 0.2, -0.5), light, "below"), ((0.3, -0.2, 0.0), floor, "on a floor")
     views = [view(np.array(p), uniforms(COUNT, k), of, place) for k, (p, of, place) in enumerate(places)]
     corners = [view(np.array(p), CORNERS[:2], of, place) for p, of, place in places]
-    require(run_checks(name, view_checks(views, corners, LEVEL, "the radiance of hit", True)))
+    require(run_checks(name, "a", lambda: view_checks(views, corners, LEVEL, "the radiance of hit", True)))
 
 
 @pytest.mark.parametrize("seed", range(3))
