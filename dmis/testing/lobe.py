@@ -50,18 +50,13 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
     -------
     list of Outcome
         One for each check. A right lobe fails any of them with a probability of 1e-4; a pdf that is 7 % off fails.
-
-    Raises
-    ------
-    ValueError
-        If it is no lobe, lacks a method, or is a Dirac delta with an `albedo`.
     """
-    material = Material((lobe,))
-    if lobe.delta and albedo:
-        raise ValueError(f"the albedo of a Dirac delta is not checked: {name or type(lobe).__name__}")
 
     def prepare() -> list[Check]:
+        material = Material((lobe,))
         check_lobe_form(lobe)
+        if lobe.delta and albedo:
+            raise Fault("a Dirac delta has no albedo that is checked")
         if lobe.delta:
             return [("scatter: directions and factors", lambda: _check_scatter(material))]
         places = [(k, outside) for outside in (True, False)[: 1 + lobe.has_sides()] for k in ANGLES]

@@ -83,11 +83,3 @@ def summary(outcomes: Sequence[Outcome], not_checked: Sequence[str] = ()) -> str
     failed, count = sum(not outcome.passed for outcome in outcomes), len(outcomes)
     text = f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"
     return f"{text.removeprefix('all ')}; not checked: {', '.join(not_checked)}" if not_checked else text
-
-
-def attempt(name: str, check: Callable[[], list[Outcome]]) -> list[Outcome]:
-    """Return the outcomes of a check; an exception is a failed one."""
-    try:
-        return check()
-    except Exception as error:
-        return [Outcome(name, False, raised(error))]

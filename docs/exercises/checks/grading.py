@@ -48,6 +48,8 @@ def exercise(number: int) -> Callable[[Callable[[ModuleType], Iterator[Outcome]]
                 results.extend(check(module))
             except Failed as failed:
                 return [*results, failed.outcome]
+            except Exception as error:
+                return [*results, Outcome(f"exercise {number}", False, raised(error))]
             return results
 
         EXERCISES[number] = outcomes
