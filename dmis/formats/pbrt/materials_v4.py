@@ -21,12 +21,8 @@ from dmis.formats.pbrt.parameter import rgb
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.spectra import SPECTRA
 
-
-def _polynomial(roughness: Any) -> Any:
-    """Return pbrt-v3's alpha of a roughness in about [0, 1] (core/microfacet.h, RoughnessToAlpha)."""
-    return np.polyval([0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142], np.log(np.maximum(roughness, 1e-3)))
-
-
+_V3_ALPHA = 0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142
+"""pbrt-v3's alpha as a polynomial of the logarithm of roughness (core/microfacet.h, RoughnessToAlpha)."""
 MIN_ROUGH_ALPHA = 1e-3
 """Smallest alpha of a rough material: pbrt-v3 raises smaller ones to it, v4 makes them smooth."""
 
@@ -57,8 +53,8 @@ def alpha_of(value: Any, remap: bool, v3: bool) -> Any:
     roughness = value.texels if isinstance(value, Image) else np.asarray(value, float)
     if np.min(roughness) < 0:
         raise ValueError("the roughness of a material must not be negative, because it is a spread of slopes")
-    alpha = (_polynomial(roughness) if v3 else np.sqrt(roughness)) if remap else roughness
-    alpha = np.maximum(alpha, MIN_ROUGH_ALPHA) if v3 else alpha
+    remapped = np.polyval(_V3_ALPHA, np.log(np.maximum(roughness, 1e-3))) if v3 else np.sqrt(roughness)
+    alpha = np.maximum(remapped if remap else roughness, MIN_ROUGH_ALPHA if v3 else 0)
     if not isinstance(value, Image):
         return float(alpha)
     if np.min(alpha) < MIN_ROUGH_ALPHA:

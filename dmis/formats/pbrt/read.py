@@ -45,7 +45,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmis.base.validate import did_you_mean
+from dmis.base.validate import did_you_mean, one_of
 from dmis.formats.pbrt.dialect import DIALECTS, detect
 from dmis.formats.pbrt.directives import MAX_FILES, carry_out
 from dmis.formats.pbrt.notes import PbrtWarning
@@ -73,7 +73,16 @@ def read_pbrt(
     ``FILE:LINE: token TOKEN: REASON`` with the number of places. One PbrtWarning each if something in it was not used,
     if reflectances exceed 1, and if the dialect is a guess or not that of the file's words.
     """
-    path, resolution = _checked(path, resolution, dialect)
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise FileNotFoundError(f"{path} is no scene file but a folder, a pipe or a device")
+    if not path.is_file():
+        files = (file.name for file in path.parent.glob("*.pbrt"))
+        raise FileNotFoundError(f"there is no scene file {path}{did_you_mean(path.name, files)}")
+    if dialect is not None:
+        one_of("dialect", dialect, DIALECTS)
+    if resolution is not None:
+        resolution = Camera(np.eye(4), 90.0, resolution).resolution
     source = Source.read(path, outside)
     guess, fits = detect(_words(source))
     chosen = guess if dialect is None else DIALECTS[dialect]
@@ -98,21 +107,6 @@ def read_pbrt(
         scene = reader.scene(camera)
     reader.notes.warn(2)
     return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
-
-
-def _checked(
-    path: str | os.PathLike[str], resolution: tuple[int, int] | None, dialect: str | None
-) -> tuple[Path, tuple[int, int] | None]:
-    """Return the path and the resolution; raise an error if there is no such file, resolution or dialect."""
-    path = Path(path)
-    if path.exists() and not path.is_file():
-        raise FileNotFoundError(f"{path} is no scene file but a folder, a pipe or a device")
-    if not path.is_file():
-        others = (file.name for file in path.parent.glob("*.pbrt"))
-        raise FileNotFoundError(f"there is no scene file {path}{did_you_mean(path.name, others)}")
-    if dialect is not None and dialect not in DIALECTS:
-        raise ValueError(f"dialect must be one of {', '.join(DIALECTS)}; got {dialect!r}")
-    return path, None if resolution is None else Camera(np.eye(4), 90.0, resolution).resolution
 
 
 def _words(source: Source) -> Iterator[Token]:

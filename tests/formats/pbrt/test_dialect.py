@@ -172,7 +172,7 @@ def test_dialect_can_be_forced(read, tmp_path):
         pytest.raises(PbrtError, match="Integrator belongs to v3 and v4"),
     ):
         read_pbrt(tmp_path / "scene.pbrt", dialect="v2")
-    with pytest.raises(ValueError, match="dialect must be one of v2, v3, v4; got 'v5'"):
+    with pytest.raises(ValueError, match="dialect must be v2 or v3 or v4; got 'v5'"):
         read_pbrt(tmp_path / "scene.pbrt", dialect="v5")
     with pytest.raises(PbrtError, match="a parameter must be integer"):
         read("v4", TRIANGLE, 'Camera "perspective" "color a" 1')
