@@ -12,17 +12,13 @@ from dmis.testing.outcome import Outcome, line, summary
 
 
 def check(options: argparse.Namespace) -> int:
-    """Run ``check`` and return its exit code: 1 if a check failed, or a class of the file was not checked."""
+    """Run ``check`` and return its exit code: 1 if a check failed."""
     file = Path(options.file)
     if not file.is_file():
         raise FileNotFoundError(f"no such file: {file}; check needs a Python file with the code to check")
     load_plugin(file)
     module = sys.modules[file.stem]
-    subjects, skipped = find(module)
-    for name, reason in skipped.items():
-        print(f"dmis: {name} is not checked: {reason}", file=sys.stderr)
-    if skipped and not subjects:
-        raise ValueError(f"nothing in {file} can be checked as it stands; the lines above say how to change that")
+    subjects = find(module)
     if not subjects:
         raise ValueError(f"{file} must define something to check; it has nothing of: {RECOGNISED}")
     if options.albedo and all(subject.kind != "lobe" for subject in subjects):
@@ -33,5 +29,5 @@ def check(options: argparse.Namespace) -> int:
         results = subject.check(options.albedo)
         print(*map(line, results), sep="\n", flush=True)
         outcomes += results
-    print(summary(outcomes, list(skipped)))
-    return int(bool(skipped) or not all(outcome.passed for outcome in outcomes))
+    print(summary(outcomes))
+    return int(not all(outcome.passed for outcome in outcomes))

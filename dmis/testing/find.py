@@ -30,14 +30,17 @@ _SHIPPED = tuple(TECHNIQUES.values())
 
 @dataclass(frozen=True)
 class Subject:
-    """An object of a module that can be checked, or the name of a registered rule, with its kind (of `_KINDS`)."""
+    """What can be checked, or the name of a registered rule, of a kind of `_KINDS`; or why a class cannot."""
 
     name: str
     kind: str
     item: Any
+    refused: str = ""
 
     def check(self, albedo: Sequence[float] = ()) -> list[Outcome]:
         """Return the outcomes of its checks; `albedo` is that of `dmis.testing.lobe.check_lobe`."""
+        if self.refused:
+            return [Outcome(f"{self.name}: an object of the class", False, self.refused)]
         if self.kind == "lobe":
             return check_lobe(self.item, self.name, albedo)
         if self.kind == "technique":
@@ -45,8 +48,8 @@ class Subject:
         return (check_light if self.kind == "light" else check_rule)(self.item, self.name)
 
 
-def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
-    """Return what a module defines that can be checked, and the names of classes that cannot, with the reasons.
+def find(module: ModuleType) -> list[Subject]:
+    """Return what a module defines that can be checked, and classes that cannot without an object.
 
     Recognised are objects that are variables of the module: lobes, the lobes of materials, lights, techniques, rules;
     classes defined in the module, with the defaults of their fields, unless one of those objects is of the class; and
@@ -65,17 +68,17 @@ def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
         add(name, item)
     rules = {name: cls for name, cls in RULES.items() if getattr(cls, "__module__", "") == module.__name__}
     used = {type(item) for _, item in _items(vars(module))} | set(rules.values())
-    skipped: dict[str, str] = {}
     for name, cls in variables.items():
         if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
             try:
                 add(name, cls())
             except Exception as error:
-                skipped[name] = f"{raised(error)}. Give it defaults, or add an object: my_{name.lower()} = {name}(...)"
+                text = f"{raised(error)}. Give it defaults, or add an object: my_{name.lower()} = {name}(...)"
+                subjects.append(Subject(name, _kind(cls), None, text))
     subjects += [Subject(name, "rule", name) for name in rules]
     for technique in TECHNIQUES.values():
         add(technique.name, technique)
-    return subjects, skipped
+    return subjects
 
 
 def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
