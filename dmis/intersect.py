@@ -8,7 +8,6 @@ origin (Embree's near distance is fixed at 0): the caller offsets origins, see `
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import thread_time
 from typing import Protocol
@@ -21,9 +20,6 @@ from dmis.base.vectors import Array
 CHECK_RAYS = sys.flags.dev_mode
 """Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests. One NaN makes
 Embree walk its whole tree, about 1 ms per ray, which looks like a hang."""
-
-MAX_HOLES = 1000
-"""Most holes in surfaces that one ray passes, see `HoleCaster`."""
 
 
 @dataclass(eq=False)
@@ -127,40 +123,3 @@ class TimedCaster:
         occluded = self._caster.occluded(origin, direction, distance)
         self.seconds += thread_time() - begin
         return occluded
-
-
-class HoleCaster:
-    """Ray caster whose rays go on behind holes in the triangles of another one; others cost nothing more.
-
-    `holes` is a function of `Hits` and directions ``(3, N)`` that returns the numbers of the rays that met a hole;
-    `step` the distance behind it at which they begin again, more than the rounding of positions.
-    """
-
-    def __init__(self, caster: RayCaster, holes: Callable[[Hits, Array], np.ndarray], step: float) -> None:
-        self._caster, self._holes, self._step = caster, holes, np.float32(step)
-
-    def closest(self, origin: Array, direction: Array) -> Hits:
-        """See `Intersector.closest`; a ray meets the last of `MAX_HOLES` holes, behind which it is not followed."""
-        hits = self._caster.closest(origin, direction)
-        ray = self._holes(hits, direction)
-        if len(ray):
-            hits = Hits(*(a.copy() for a in (hits.prim, hits.u, hits.v, hits.distance)))
-        for _ in range(MAX_HOLES):
-            if not len(ray):
-                break
-            start, along = hits.distance[ray] + self._step, direction[:, ray]
-            beyond = self._caster.closest(origin[:, ray] + along * start, along)
-            beyond.distance = np.where(beyond.prim < 0, beyond.distance, beyond.distance + start)
-            for name in ("prim", "u", "v", "distance"):
-                getattr(hits, name)[ray] = getattr(beyond, name)
-            ray = ray[self._holes(beyond, along)]
-        return hits
-
-    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
-        """See `Intersector.occluded`; only rays that meet something are traced again."""
-        blocked = self._caster.occluded(origin, direction, distance)
-        ray = np.flatnonzero(blocked)
-        if len(ray):
-            hits = self.closest(origin[:, ray], direction[:, ray])
-            blocked[ray] = (hits.prim >= 0) & (hits.distance < distance[ray])
-        return blocked

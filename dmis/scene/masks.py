@@ -11,7 +11,10 @@ import numpy as np
 from dmis.base.validate import number
 from dmis.base.vectors import Array, Index
 from dmis.brdf.texture import Image, check_values
-from dmis.intersect import Hits, HoleCaster, RayCaster
+from dmis.intersect import Hits, RayCaster
+
+MAX_HOLES = 1000
+"""Most holes in surfaces that one ray passes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,26 +57,54 @@ def _chance(hits: Hits, direction: Array) -> Array:
     return ((mixed * np.uint32(0x85EBCA6B)) >> np.uint32(8)) * np.float32(2**-24)
 
 
-def see_through(caster: RayCaster, parts: Sequence[Any], uv: Callable[[Index], Array], step: float) -> RayCaster:
-    """Return a caster whose rays pass the holes of `parts`, begun `step` behind them; `caster` if there is no mask.
+class MaskedCaster:
+    """Ray caster whose rays pass the holes of `parts`, begun again `step` behind them, more than the rounding of
+    positions; rays that meet none cost nothing more.
 
     `uv` returns the texture coordinates of triangles as columns ``(6, N)``, see `dmis.scene.triangle_tables.Tables`.
     """
-    masks = list({id(part.mask): part.mask for part in parts if part.mask is not None}.values())
-    if not masks:
-        return caster
-    uv(np.empty(0, np.int64))  # makes the table before threads ask for it
-    numbers = [-1 if part.mask is None else masks.index(part.mask) for part in parts]
-    of_triangle = np.repeat([*numbers, -1], [*(len(part.mesh.faces) for part in parts), 1])  # the last one of a miss
 
-    def holes(hits: Hits, direction: Array) -> Index:
-        mask_of, holes_of_masks = of_triangle.take(hits.prim), [np.empty(0, np.int64)]
-        for k, mask in enumerate(masks):
+    def __init__(self, caster: RayCaster, parts: Sequence[Any], uv: Callable[[Index], Array], step: float) -> None:
+        self._caster, self._uv, self._step = caster, uv, np.float32(step)
+        self._masks = list({id(part.mask): part.mask for part in parts if part.mask is not None}.values())
+        numbers = [-1 if part.mask is None else self._masks.index(part.mask) for part in parts]
+        # the last one is that of a miss
+        self._mask_of = np.repeat([*numbers, -1], [*(len(part.mesh.faces) for part in parts), 1])
+        uv(np.empty(0, np.int64))  # makes the table before threads ask for it
+
+    def closest(self, origin: Array, direction: Array) -> Hits:
+        """See `Intersector.closest`; a ray meets the last of `MAX_HOLES` holes, behind which it is not followed."""
+        hits = self._caster.closest(origin, direction)
+        ray = self._holes(hits, direction)
+        if len(ray):
+            hits = Hits(*(a.copy() for a in (hits.prim, hits.u, hits.v, hits.distance)))
+        for _ in range(MAX_HOLES):
+            if not len(ray):
+                break
+            start, along = hits.distance[ray] + self._step, direction[:, ray]
+            beyond = self._caster.closest(origin[:, ray] + along * start, along)
+            beyond.distance = np.where(beyond.prim < 0, beyond.distance, beyond.distance + start)
+            for name in ("prim", "u", "v", "distance"):
+                getattr(hits, name)[ray] = getattr(beyond, name)
+            ray = ray[self._holes(beyond, along)]
+        return hits
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        """See `Intersector.occluded`; only rays that meet something are traced again."""
+        blocked = self._caster.occluded(origin, direction, distance)
+        ray = np.flatnonzero(blocked)
+        if len(ray):
+            hits = self.closest(origin[:, ray], direction[:, ray])
+            blocked[ray] = (hits.prim >= 0) & (hits.distance < distance[ray])
+        return blocked
+
+    def _holes(self, hits: Hits, direction: Array) -> Index:
+        """Return the numbers of the rays along `direction` that met a hole."""
+        mask_of, holes = self._mask_of.take(hits.prim), [np.empty(0, np.int64)]
+        for k, mask in enumerate(self._masks):
             index = np.flatnonzero(mask_of == k)
             part = hits.take(index)
-            rows = uv(part.prim)
+            rows = self._uv(part.prim)
             place = rows[2:4] * part.u + rows[4:6] * part.v + rows[:2]
-            holes_of_masks.append(index[mask.is_hole(place, part, direction[:, index])])
-        return np.concatenate(holes_of_masks)
-
-    return HoleCaster(caster, holes, step)
+            holes.append(index[mask.is_hole(place, part, direction[:, index])])
+        return np.concatenate(holes)

@@ -29,7 +29,7 @@ from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts
 from dmis.scene.footprint import texture_steps
 from dmis.scene.groups import NO_GROUP, Group, Part
-from dmis.scene.masks import see_through
+from dmis.scene.masks import MaskedCaster
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
 from dmis.scene.rescale import rescale, units
@@ -244,7 +244,9 @@ class Scene:
         vertices = np.concatenate([part.mesh.vertices for part in self.parts], dtype=np.float32)
         faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(self.parts, offsets, strict=False)])
         caster = two_sided(Intersector(vertices, faces), *lamp_triangles(self.parts)[:2])
-        return see_through(caster, self.parts, lambda prim: columns(self.tables.uv, prim), float(self.epsilon))
+        if all(part.mask is None for part in self.parts):
+            return caster
+        return MaskedCaster(caster, self.parts, lambda prim: columns(self.tables.uv, prim), float(self.epsilon))
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:

@@ -11,10 +11,10 @@ import dmis
 from dmis.base.vectors import normalise
 from dmis.geometry.mesh import Mesh, concatenate
 from dmis.geometry.shapes import quad
-from dmis.intersect import HoleCaster, Intersector
+from dmis.intersect import Intersector
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.scene.groups import Part
-from dmis.scene.masks import Mask
+from dmis.scene.masks import Mask, MaskedCaster
 from dmis.testing.scenes import ABOVE, box_scene
 
 BOARD = dmis.Image(np.array([[[1.0], [0.0]], [[0.0], [1.0]]]), scale=(2, 2), nearest=True)
@@ -47,7 +47,7 @@ def test_rays_pass_holes_as_if_there_were_no_triangles():
     origin, direction = rays()
     distance = np.random.default_rng(2).uniform(0, 2, len(origin[0])).astype(np.float32)
     cut, squares = (board(masked).intersector for masked in (True, False))
-    assert isinstance(cut, HoleCaster) and isinstance(squares, Intersector)
+    assert isinstance(cut, MaskedCaster) and isinstance(squares, Intersector)
     a, b = cut.closest(origin, direction), squares.closest(origin, direction)
     assert (~np.isclose(a.distance, b.distance, rtol=1e-4, atol=1e-5)).sum() <= 2  # rays along edges
     blocked = [caster.occluded(origin, direction, distance) for caster in (cut, squares)]
@@ -71,7 +71,7 @@ def test_brute_force_sees_the_same_holes():
     mesh = concatenate([part.mesh for part in scene.parts])
     embree, brute = (
         scene.intersector,
-        HoleCaster(BruteForce(mesh.vertices, mesh.faces), scene.intersector._holes, float(scene.epsilon)),
+        MaskedCaster(BruteForce(mesh.vertices, mesh.faces), scene.parts, scene.intersector._uv, float(scene.epsilon)),
     )
     a, b = (caster.closest(*rays(500)) for caster in (embree, brute))
     assert (~np.isclose(a.distance, b.distance, rtol=1e-4, atol=1e-5)).sum() <= 1
