@@ -105,8 +105,8 @@ def compare(
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if make_rule(rule).pilot_samples(n) < n]
     measure(
-        scene, [*pinned, *budgets], seeds, reference, done=tuple(results.runs), keep=results.keep,
-        record=results.append, progress=progress, crop=crop, parallel=parallel, settings=settings,
+        scene, [*pinned, *budgets], seeds, reference, done=tuple(results.runs), record=results.append,
+        progress=progress, crop=crop, parallel=parallel, settings=settings,
     )  # fmt: skip
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]

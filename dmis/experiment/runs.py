@@ -87,8 +87,7 @@ def measure(
     reference: Reference,
     *,
     done: Iterable[Run] = (),
-    keep: Callable[[Budget, Result], None] | None = None,
-    record: Callable[[Run], None] | None = None,
+    record: Callable[[Run, Result], None] | None = None,
     progress: Progress | bool | None = None,
     **options: Any,
 ) -> dict[Budget, list[Run]]:
@@ -102,8 +101,8 @@ def measure(
         See `seed_list`.
     done
         Runs of an earlier call, which are not rendered again.
-    keep, record
-        Called with each budget and its result, then with its run, as soon as it is finished.
+    record
+        Called with each run and its result as soon as it is finished.
     progress
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
     options
@@ -129,10 +128,8 @@ def measure(
             run = finished.get((rule, spp, seed))
             if run is None:
                 run, result = _timed_run(scene, (rule, spp), seed, reference, **options)
-                if keep:
-                    keep((rule, spp), result)
                 if record:
-                    record(run)
+                    record(run, result)
             if rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
                 alarmed.add(rule)
                 warnings.warn(alarm.ReferenceWarning(alarm.summary([run])), stacklevel=2)

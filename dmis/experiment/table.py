@@ -105,15 +105,21 @@ class Results:
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / "results.csv"
         self.runs = self._read() if self._path.exists() else []
-        self._with_image = {(run.rule, run.spp) for run in self.runs}
         lines = [_line(COLUMNS), *map(self._row, self.runs)]
         files = {"comparison.json": json.dumps(self.about, indent=2) + "\n", "results.csv": "".join(lines)}
         for name, text in files.items():
             with replacing(folder / name) as partial:
                 partial.write_text(text, "utf-8", newline="")
 
-    def append(self, run: Run) -> None:
-        """Add and write a row; both baselines with the same samples and seed must have one, the pinned one first."""
+    def append(self, run: Run, result: Result | None = None) -> None:
+        """Add and write a row, and the image of a budget's first render.
+
+        Both baselines with the same samples and seed must have a row, the pinned one first.
+        """
+        budget = run.rule, run.spp
+        if result is not None and budget not in {(other.rule, other.spp) for other in self.runs}:
+            self.image(budget).parent.mkdir(exist_ok=True)
+            write_image(self.image(budget), result)
         self.runs.append(run)
         with open(self._path, "a", newline="", encoding="utf-8") as file:
             file.write(self._row(run))
@@ -125,13 +131,6 @@ class Results:
         if name != rule.replace(":", "-").replace(",", "-") or len(name) > 120:  # another rule may have the same name
             name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
         return self.folder / "images" / f"{name}-{spp}spp.exr"
-
-    def keep(self, budget: Budget, result: Result) -> None:
-        """Write the image of a budget's first render, unless an earlier comparison has."""
-        if budget not in self._with_image:
-            self.image(budget).parent.mkdir(exist_ok=True)
-            write_image(self.image(budget), result)
-            self._with_image.add(budget)
 
     def layers(self, budgets: Iterable[Budget]) -> dict[Budget, dict[str, Array]]:
         """Return the images of `budgets` that exist, with their layers RGB, weight, variance, samples."""
