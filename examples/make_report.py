@@ -56,7 +56,7 @@ for name in given.scenes:
     )
     comparisons.append(comparison)
     limits.append(oracle)
-    table = summary(comparison.runs, comparison.reference, comparison.few_pixels())
+    table = summary(comparison)
     print(f"{SCENES[name].title}, {time.perf_counter() - begun:.0f} s\n{table}\n", flush=True)
 
 # %%

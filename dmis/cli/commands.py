@@ -108,7 +108,7 @@ def _compare(options: argparse.Namespace) -> int:
         why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
         print(f"dmis: {rule} is left out at {n} samples per pixel, {why}", file=sys.stderr)
     if not options.quiet:
-        print(summary(comparison.runs, comparison.window, comparison.few_pixels()))
+        print(summary(comparison))
         print(options.output / "results.csv", options.output / "report.html", sep="\n")
     return 0
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
 from dmis.estimator.settings import Settings, make_settings
-from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, gains
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure, seed_list
+from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
@@ -153,29 +152,25 @@ def _draw(comparison: Comparison, folder: Path) -> None:
     write_report([comparison], folder / "report.html")
 
 
-def summary(runs: Mapping[Budget, Sequence[Run]], reference: Reference | None = None, note: str = "") -> str:
+def summary(c: Comparison) -> str:
     """Return a table in Markdown with the errors of each budget and rule, over those of both baselines, and its time.
 
     By relMSE, then by MSE: the mean over seeds, its ratio to that of the balance heuristic with these settings, and the
     ratios of error times CPU seconds, with 95 % intervals (`dmis.experiment.convergence.Interval`). The ratio to the
-    pinned baseline is last. Lines follow: a `note`; for budgets that are too small for their rule, see `fallbacks`; if
-    the mean of an image is not that of the reference, see `dmis.experiment.alarm`; with `reference` its standard
-    error, and one if that is too large.
+    pinned baseline is last. Lines follow: if few pixels have most of the MSE; for budgets that are too small for their
+    rule, see `fallbacks`; the standard error of the reference; if that is too large, or the mean of an image not that
+    of the reference, see `dmis.experiment.alarm`.
     """
     over = [(f"{name} / balance", f"{name}·CPU s / balance") for name in MEASURES.values()]
     titles = ["spp", "rule", "relMSE", *over[0], "MSE", *over[1], "seconds"]
     titles += [f"{name}·CPU s / pinned" for name in MEASURES.values()]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    rows = gains(runs)
-    for g in rows:
+    for g in gains(c.runs):
         cells = [str(g.spp), g.rule]
         for m in g.measures:
             cells += [f"{m.error:.3e}", m.over_balance.text(), m.error_time.text()]
         cells += [f"{g.seconds:.2f}", *(m.error_time_over_pinned.text() for m in g.measures)]
         lines.append(f"| {' | '.join(cells)} |")
-    notes = [alarm.summary(run for by_seed in runs.values() for run in by_seed)]
-    if reference is not None:
-        notes = [reference.text(), alarm.reference_noise(reference, (g.mse.error for g in rows)), *notes]
-    for line in filter(None, [note, *fallbacks(runs), *notes]):
+    for line in filter(None, [c.few_pixels(), *fallbacks(c.runs), c.window.text(), *c.alarms()]):
         lines += ["", line]
     return "\n".join(lines)

@@ -23,6 +23,7 @@ from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, resolve_auto
+from dmis.experiment import alarm
 from dmis.experiment.metrics import share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area
@@ -237,6 +238,12 @@ class Comparison:
         share = share_of_few(squared_error(self.pictures[budget]["RGB"][self.area], self.window))
         text = f"{share:.0%} of balance's MSE lies in 1 % of the pixels (first seed, {budget[1]} samples per pixel)."
         return text if share > FEW_LIMIT else ""
+
+    def alarms(self) -> list[str]:
+        """Return lines about a reference that is too noisy and about images with another mean; "" if there are none."""
+        errors = (float(np.mean([run.mse for run in by_seed])) for by_seed in self.runs.values())
+        noise = alarm.reference_noise(self.window, errors)
+        return [noise, alarm.summary(run for by_seed in self.runs.values() for run in by_seed)]
 
     @property
     def seeds(self) -> int:

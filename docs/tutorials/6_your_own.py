@@ -191,7 +191,7 @@ rules, spp = ["balance", "quieter", "second-moment"], [16, 64]
 comparison = dmis.compare(
     small, rules, spp, seeds, reference, output, sampler="independent"
 )
-print(summary(comparison.runs))
+print(summary(comparison))
 print(", ".join(sorted(path.name for path in output.iterdir())))
 figure, axis = plt.subplots(figsize=(9, 5), layout="constrained")
 axis.imshow(plt.imread(output / "convergence.png"))

@@ -46,7 +46,7 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
     for _ in range(2):
         with pytest.warns(alarm.ReferenceWarning):
             comparison = compare(scene, ["pbrt"], [16], [0], reference, tmp_path, parallel=1)
-        lines = summary(comparison.runs).splitlines()
+        lines = summary(comparison).splitlines()
         assert lines[-1].startswith("Alarm in 3 of 3 renders: the mean of the image is") and lines[-2] == ""
         page = (tmp_path / "report.html").read_text("utf-8")
         assert page.count('<p class="alarm">') == 1 and "pbrt ⚠" in page and "balance ⚠" in page
@@ -63,7 +63,7 @@ def test_warning_of_a_noisy_reference(tmp_path, monkeypatch):
     for spp, noisy in ((2, True), (256, False)):
         reference = dmis.make_reference(scene, spp)
         comparison = compare(scene, [], [64], [0], reference, tmp_path / str(spp), parallel=1)
-        text, page = summary(comparison.runs, reference), (tmp_path / str(spp) / "report.html").read_text("utf-8")
+        text, page = summary(comparison), (tmp_path / str(spp) / "report.html").read_text("utf-8")
         assert reference.text() in text and ("The reference is too noisy for this table" in text) == noisy
         assert ("⚠ The reference is too noisy for this table" in page) == noisy and "Alarm" not in text
         assert '<p class="alarm">' not in page.replace('<p class="alarm">⚠ The reference', "")

@@ -14,7 +14,6 @@ import numpy as np
 
 from dmis import __version__
 from dmis.base.atomic_files import replacing
-from dmis.experiment import alarm
 from dmis.experiment.convergence import Gain, gains, ratio_text
 from dmis.experiment.report import tables
 from dmis.experiment.report.comparer import HEAD, HELP, asset, comparer, filled, palette_colours, viewer_data
@@ -53,13 +52,11 @@ def _section(number: int, c: Comparison) -> str:
     """Return the section of a comparison."""
     height, width = c.reference.first.shape[:2]
     rows = gains(c.runs)
-    noise = alarm.reference_noise(c.window, (g.mse.error for g in rows))
-    alarms = noise, alarm.summary(run for by_seed in c.runs.values() for run in by_seed)
     elements = [
         f'<section id="s{number}"><h2>{escaped(c.scene)}</h2>',
         f'<p class="facts">{width}×{height} pixels · seeds: {c.seeds} · '
         f"{escaped(c.about['parallel'])} · {escaped(c.reference.text())}</p>",
-        *(f'<p class="alarm">⚠ {escaped(text)}</p>' for text in alarms if text),
+        *(f'<p class="alarm">⚠ {escaped(text)}</p>' for text in c.alarms() if text),
         *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),
         _verdict(rows, c.seeds),
         *(f"<p>{escaped(text)}</p>" for text in [c.few_pixels()] if text),
