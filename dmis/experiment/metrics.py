@@ -86,18 +86,14 @@ def mean_and_error(values: Array) -> tuple[float, float]:
 def ratio(values: Array, baseline: Array, confidence: float = 0.95) -> tuple[float, float]:
     """Return the ratio of two means over the same seeds, and half the width of its confidence interval.
 
-    Both are ``(K,)``, such as mean squared errors of two rules by seed; the half-width is `nan` for K = 1.
-    By the delta method: the deviations ``values - ratio * baseline`` have mean zero, and their standard error over the
-    mean of the baseline is that of the ratio. The interval is Student's, since seeds are few.
+    Both are ``(K,)``, such as mean squared errors of two rules by seed; the half-width is `nan` for K = 1. The standard
+    error is that of `log_ratio`, times the ratio; the interval is Student's, since seeds are few.
     """
-    values, baseline = np.asarray(values, np.float64), np.asarray(baseline, np.float64)
-    quotient = values.mean() / baseline.mean()
-    if len(values) < 2:
-        return float(quotient), float("nan")
     from scipy.stats import t  # imported where used: scipy.stats takes half a second
 
-    _, error = mean_and_error(values - quotient * baseline)
-    return float(quotient), float(t.ppf((1 + confidence) / 2, len(values) - 1) * error / abs(baseline.mean()))
+    logarithm, error = log_ratio(values, baseline)
+    quotient = float(np.exp(logarithm))
+    return quotient, quotient * error * float(t.ppf((1 + confidence) / 2, max(1, len(values) - 1)))
 
 
 def log_ratio(values: Array, baseline: Array) -> tuple[float, float]:

@@ -101,10 +101,9 @@ class Results:
 
     def __init__(self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = ()) -> None:
         # hashes of the options of rules, and of classes that dmis does not ship
-        self.folder = folder
+        self.folder, self._path = folder, folder / "results.csv"
         self.about = {**about, "rules": {rule: digest(make_rule(rule), f"rule {rule}") for rule in rules}}
         folder.mkdir(parents=True, exist_ok=True)
-        self._path = folder / "results.csv"
         self.runs = self._read() if self._path.exists() else []
         lines = [_line(COLUMNS), *map(self._row, self.runs)]
         files = {"comparison.json": json.dumps(self.about, indent=2) + "\n", "results.csv": "".join(lines)}
