@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 26_658, "tests": 26_901}
+LINES = {"dmis": 26_658, "tests": 26_904}
 """Lines of Python files."""
 WORDS = 42_989
 """Words of the pages, tables included."""
