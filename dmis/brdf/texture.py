@@ -206,13 +206,13 @@ def combine(function: Callable[..., Array], *values: Parameter) -> Parameter:
     if any(image.place != largest.place for image in images):
         raise ValueError("images that are combined must have one scale, offset and wrap; bake them into one image")
     (height, width), arrays = largest.texels.shape[:2], []
-    rows, columns = (np.mgrid[:height, :width] + 0.5).astype(np.float32).reshape(2, -1)
     for value in values:
         if not isinstance(value, Image):
             arrays.append(np.asarray(value, np.float32).reshape(1, 1, -1))
         elif value.texels.shape[:2] == (height, width):
             arrays.append(value.texels)
         else:
+            rows, columns = (np.mgrid[:height, :width] + 0.5).astype(np.float32).reshape(2, -1)
             arrays.append(value.at(columns / np.float32(width), rows / np.float32(height)).T.reshape(height, width, -1))
     return replace(largest, texels=function(*arrays))
 

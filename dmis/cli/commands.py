@@ -109,7 +109,7 @@ def _compare(options: argparse.Namespace) -> int:
         print(f"dmis: {rule} is left out at {n} samples per pixel, {why}", file=sys.stderr)
     if not options.quiet:
         print(summary(comparison))
-        print(options.output / "results.csv", options.output / "report.html", sep="\n")
+        print(*filter(Path.exists, (options.output / name for name in ("results.csv", "report.html"))), sep="\n")
     return 0
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +44,10 @@ def parse_rules(text: str) -> list[str]:
 
 
 def check_output(folder: str | os.PathLike[str]) -> None:
-    """Raise an OSError if a comparison cannot be written into `folder`, a ValueError if a package for it is missing."""
+    """Raise an OSError if a comparison cannot be written into `folder`, a ValueError if OpenEXR is missing.
+
+    Warn if matplotlib is, so that plot and report are left out.
+    """
     folder = Path(folder)
     for inside in (folder, folder / "images"):
         check_folder(inside)
@@ -50,7 +55,12 @@ def check_output(folder: str | os.PathLike[str]) -> None:
     for name in files if folder.exists() else ():
         check_writable(folder / name)
     check_package("OpenEXR", "a comparison, which keeps images as EXR,", "pip install OpenEXR")
-    check_package("matplotlib", "the report of a comparison", "pip install 'dmis[plot]'")
+    if find_spec("matplotlib") is None:
+        warnings.warn(
+            "convergence.png and report.html are left out, because figures need matplotlib: pip install 'dmis[plot]'. "
+            "The same call then adds them and renders nothing again",
+            stacklevel=1,  # the same place for every caller: a command that checks before `compare` warns once
+        )
 
 
 def compare(
@@ -68,7 +78,7 @@ def compare(
 ) -> Comparison:
     """Render a scene with several rules, numbers of samples and seeds, and write table, plot and report into `folder`.
 
-    ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` follow at the end. Two
+    ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` (with matplotlib) follow. Two
     baselines are always measured: the balance heuristic with these settings, and the pinned one
     (`dmis.experiment.runs.PINNED`). A rule whose pilot does not fit into a number of samples is left out there. Rows
     that are in ``results.csv`` are not rendered again.
@@ -92,7 +102,7 @@ def compare(
     ------
     ValueError
         If an argument is not of this form, the reference is of another size, ``results.csv`` was measured under other
-        conditions, or OpenEXR or matplotlib is missing.
+        conditions, or OpenEXR is missing.
     OSError
         If a file of `folder` cannot be written.
     """
@@ -144,7 +154,9 @@ def _check_arguments(
 
 
 def _draw(comparison: Comparison, folder: Path) -> None:
-    """Write plot and report of a comparison."""
+    """Write plot and report of a comparison, if there is matplotlib."""
+    if find_spec("matplotlib") is None:
+        return
     from dmis.experiment.report.page import write_report  # imported where used: they bring matplotlib
     from dmis.experiment.report.plots import convergence
 

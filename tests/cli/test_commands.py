@@ -304,7 +304,6 @@ def test_unwritable_output_is_refused_first(scene, tmp_path, monkeypatch, capsys
     [
         ("render SCENE -o a.exr", "OpenEXR", "pip install OpenEXR, or write .png"),
         ("compare SCENE -o out", "OpenEXR", "a comparison, which keeps images as EXR, needs OpenEXR"),
-        ("compare SCENE -o out", "matplotlib", "the report of a comparison needs matplotlib"),
         ("compare SCENE -o scene.pbrt/out", "", "scene.pbrt is not a directory"),
         ("compare SCENE -o taken", "", "report.html: it is a directory"),
         ("oracle SCENE -o out", "matplotlib", "the plot of an oracle needs matplotlib"),
@@ -325,6 +324,21 @@ def test_output_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments
     error = capsys.readouterr().err
     assert message in error and len(error.splitlines()) == 1
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["report.html", "scene.pbrt", "taken"]
+
+
+@pytest.mark.filterwarnings("default")
+def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatch, capsys):
+    """It warns before the first ray and writes its table; with matplotlib the same command adds plots and report."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    words = ["--rules", "balance", "--spp", "2", "--seeds", "1", "--reference-spp", "2", "--resolution", "12x8"]
+    command = ["compare", scene, *words, "-o", str(tmp_path / "out"), "--quiet"]
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "matplotlib", None)
+        assert main(command) == 0 and "report.html are left out, because figures need" in capsys.readouterr().err
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["comparison.json", "images", "results.csv"]
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("dmis.experiment.runs.render", lambda *_, **__: pytest.fail("rendered again"))
+    assert main(command) == 0 and (tmp_path / "out" / "report.html").exists()
 
 
 def test_oracle(tmp_path, monkeypatch, capsys):
