@@ -44,7 +44,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum, row_blocks
-from dmis.base.validate import one_of
+from dmis.base.validate import number, one_of
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost, rays_of_colours
@@ -55,7 +55,7 @@ from dmis.filter import gaussian
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.fit.pooling import pool
 from dmis.fit.round import Budget, Pilot, Round
-from dmis.fit.rule import Rule, final_settings
+from dmis.fit.rule import OptionRule
 from dmis.fit.sample_numbers import light_halvings, powers_of_two
 from dmis.variance.pattern_curves import PatternCurves
 
@@ -115,7 +115,7 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Auto(Rule):
+class Auto(OptionRule):
     """Patterns of light and BRDF samples, and numbers of camera samples per pixel, from a first round.
 
     Parameters
@@ -153,13 +153,11 @@ class Auto(Rule):
     def __post_init__(self) -> None:
         if self.spp < 0 or self.spp % 4:
             raise ValueError(f"spp of the first round must be a multiple of 4, or 0 to choose it; got {self.spp}")
-        if not (self.exponent == 0 or 1 <= self.exponent <= 3):
-            raise ValueError(f"exponent must be in [1, 3], or 0 to choose it; got {self.exponent}")
-        if not self.guard >= 0:
-            raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
+        if self.exponent:
+            number("exponent", self.exponent, 1, 3, "or 0 to choose it")
+        number("guard", self.guard, 0, more="in standard errors")
         one_of("filter", self.filter, ("gaussian", "none", "joint"))
-        combiner = combiner_by_name(self.combiner)
-        if not combiner.has_curves:
+        if not combiner_by_name(self.combiner).has_curves:
             raise ValueError(
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
                 f"got {self.combiner!r}. Use second-moment:combiner={self.combiner}"
@@ -171,8 +169,7 @@ class Auto(Rule):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        compensation = {} if self.compensation is None else {"compensation": self.compensation}
-        return {"combiner": self.combiner, "reuse_pilot": False} | final_settings(self.sampler) | compensation
+        return {**super().settings, "reuse_pilot": False}
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:

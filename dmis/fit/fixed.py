@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from dmis.base.validate import number
 from dmis.estimator.mis import combiner_by_name
-from dmis.fit.round import Fit, Pilot, Weight, check_weigh
-from dmis.fit.rule import Rule, final_settings
+from dmis.fit.round import Fit, Pilot, Weight
+from dmis.fit.rule import OptionRule
 
 
 @dataclass(frozen=True)
-class Fixed(Rule):
+class Fixed(OptionRule):
     """Use one weight everywhere, without a pilot. w = 1/2 with the balance heuristic is the classic estimator.
 
     For more than two `techniques` w is the shares of all of them. With ``weigh="heuristic"`` w is the share that the
@@ -30,34 +30,20 @@ class Fixed(Rule):
     weigh: str = "samples"
 
     def __post_init__(self) -> None:
-        check_weigh(self.weigh, self.combiner)
         if isinstance(self.w, tuple):
-            if len(self.w) != len(self.techniques):
-                raise ValueError(f"w must have a share for each of {', '.join(self.techniques)}; got {self.w}")
             if not all(0 <= share <= 1 for share in self.w) or abs(sum(self.w) - 1) > 1e-6:
                 raise ValueError(
                     f"shares must be in [0, 1] and add up to 1, because they divide samples; got "
                     f"{' + '.join(f'{share:g}' for share in self.w)} = {sum(self.w):g}"
                 )
             return
-        if not 0 <= self.w <= 1:
-            raise ValueError(f"w must be in [0, 1], the share of light samples; got {self.w}")
-        least, most = combiner_by_name(self.combiner).share_range
-        if not least <= self.w <= most:
-            raise ValueError(
-                f"w must be from {least:g} to {most:g} with combiner {self.combiner}, which gives each technique its "
-                f"part of f at any share; got {self.w:g}"
-            )
+        share_range = combiner_by_name(self.combiner).share_range
+        number("w", self.w, *share_range, f"the share of light samples, with combiner {self.combiner}")
 
     @property
     def multi_technique(self) -> bool:
         """Whether w is the shares of all techniques."""
         return isinstance(self.w, tuple)
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        settings = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
-        return settings | final_settings(self.sampler, compensation=self.compensation)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)

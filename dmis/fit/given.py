@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.fit.round import Fit, Pilot, check_samples, check_shares
+from dmis.fit.round import Fit, Pilot
 from dmis.fit.rule import Rule
 
 
@@ -29,11 +29,8 @@ class Given(Rule):
     weigh
         What `weight` is, see `dmis.fit.round.WEIGH`.
 
-    Raises
-    ------
-    ValueError
-        If a share is not in [0, 1], numbers of samples are negative, not finite or all 0, or the two maps differ in
-        shape. `render` refuses maps that are not of the shape of the image.
+    `render` refuses maps that are not of the shape of the image, shares that are not in [0, 1], and numbers of samples
+    that are not positive and finite.
     """
 
     weight: Array | float = 0.5
@@ -41,19 +38,11 @@ class Given(Rule):
     weigh: str = "samples"
 
     def __post_init__(self) -> None:
-        weight = np.array(self.weight, np.float64)
-        if weight.ndim not in (0, 2):
-            raise ValueError(f"weight must be one number or of shape (height, width); got shape {weight.shape}")
-        check_shares("weight", weight)
-        weight.flags.writeable = False
-        object.__setattr__(self, "weight", weight if weight.ndim else float(weight))
-        if self.samples is not None:
-            samples = np.array(self.samples, np.float64)
-            if samples.ndim != 2:
-                raise ValueError(f"samples must be of shape (height, width); got shape {samples.shape}")
-            check_samples("samples", samples, weight.shape or samples.shape)
-            samples.flags.writeable = False
-            object.__setattr__(self, "samples", samples)
+        for name, values in (("weight", self.weight), ("samples", self.samples)):
+            if values is not None:
+                copied = np.array(values, np.float64)
+                copied.flags.writeable = False
+                object.__setattr__(self, name, copied if copied.ndim else float(copied))
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Return the given maps; there is no pilot."""

@@ -13,11 +13,11 @@ from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps
 from dmis.fit.pooling import pool
 from dmis.fit.round import Pilot
-from dmis.fit.rule import Rule
+from dmis.fit.rule import OptionRule
 
 
 @dataclass(frozen=True, kw_only=True)
-class PooledRule(Rule):
+class PooledRule(OptionRule):
     """Base class of rules that average a pilot's statistics over patches, filter them and minimise on each patch.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import reprlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from inspect import signature
@@ -177,14 +177,13 @@ def _given_shares(options: dict[str, Any]) -> Rule:
 # Options ------------------------------------------------------------------------------------------------------------
 
 
-def _yes_or_no(text: str) -> bool:
-    words = {"yes": True, "true": True, "on": True, "1": True, "no": False, "false": False, "off": False, "0": False}
-    if text.lower() not in words:
-        raise ValueError(text)
-    return words[text.lower()]
-
-
-_READERS: dict[Any, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
+_YES, _NO = ("yes", "true", "on", "1"), ("no", "false", "off", "0")
+_READERS: dict[Any, Callable[[str], Any]] = {
+    int: int,
+    float: float,
+    str: str,
+    bool: lambda text: (*_NO, *_YES).index(text.lower()) >= len(_NO),
+}
 
 
 def _options(name: str) -> dict[str, list[Any]]:
@@ -215,7 +214,8 @@ def _read_options(name: str, text: str) -> dict[str, Any]:
         if not equals and own and key not in own:
             key, value = next(iter(own)), item
         if key not in options:
-            raise _no_such_option(name, key, options)
+            known = f"the options {', '.join(options)}" if options else "no options"
+            raise ValueError(f"rule {name} has {known}; got {key!r}{did_you_mean(key, options)}")
         if key in values:
             raise ValueError(f"option {key} of rule {name} must be given once; got {values[key]} and {value}")
         kind, *words = options[key]
@@ -228,9 +228,3 @@ def _read_options(name: str, text: str) -> dict[str, Any]:
             first = "" if equals else f", of which a value without a name is the first; there are {', '.join(options)}"
             raise ValueError(f"option {key} of rule {name} must be {allowed}; got {value!r}{first}") from None
     return values
-
-
-def _no_such_option(name: str, key: str, options: Collection[str]) -> ValueError:
-    """Return the error that a rule has no option of a name."""
-    known = f"the options {', '.join(options)}" if options else "no options"
-    return ValueError(f"rule {name} has {known}; got {key!r}{did_you_mean(key, options)}")

@@ -292,14 +292,22 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
             f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
             f"for each pixel (height, width); got {weight.shape}"
         )
-    check_shares("a rule's weight", weight)
+    inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
+    if not inside.all():
+        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
+        got = f"{weight[~inside][0]:g}{where}"
+        raise ValueError(f"a rule's weight must be in [0, 1], a share of the samples; got {got}")
     if np.abs(fit.shares.sum(axis=0) - 1).max() > 1e-3:
         raise ValueError(
             f"a rule's weights must add up to 1 over the techniques, because they divide samples; got sums from "
             f"{fit.shares.sum(axis=0).min():g} to {fit.shares.sum(axis=0).max():g}"
         )
-    if fit.samples is not None:
-        check_samples("a rule's samples", np.asarray(fit.samples), shape)
+    samples = np.ones(shape) if fit.samples is None else np.asarray(fit.samples)
+    if samples.shape != shape or not (np.isfinite(samples).all() and (samples > 0).all()):
+        raise ValueError(
+            f"a rule's samples must be positive, finite, and of shape {shape}, because every pixel needs some; got "
+            f"shape {samples.shape} from {samples.min():g} to {samples.max():g}"
+        )
 
 
 def check_weigh(weigh: str, combiner: str) -> None:
@@ -307,20 +315,3 @@ def check_weigh(weigh: str, combiner: str) -> None:
     one_of("weigh", weigh, WEIGH)
     if weigh == "heuristic" and combiner != "balance":
         raise ValueError(f"weigh=heuristic needs combiner balance; got {combiner}. Leave weigh out, or use balance")
-
-
-def check_shares(name: str, weight: Array) -> None:
-    """Raise a ValueError that calls them `name` unless shares are in [0, 1], up to rounding."""
-    inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
-    if not inside.all():
-        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
-        raise ValueError(f"{name} must be in [0, 1], a share of the samples; got {weight[~inside][0]:g}{where}")
-
-
-def check_samples(name: str, samples: Array, shape: tuple[int, ...]) -> None:
-    """Raise a ValueError that calls them `name` unless numbers of samples in proportion are right, of that `shape`."""
-    if samples.shape != shape or not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
-        raise ValueError(
-            f"{name} must be finite, not negative, not all 0, and of shape {shape}; got shape {samples.shape} from "
-            f"{samples.min():g} to {samples.max():g}"
-        )

@@ -107,6 +107,20 @@ class Rule:
         raise NotImplementedError(f"class {type(self).__name__} needs a method fit(self, pilot) that returns a Fit")
 
 
+OPTIONS = {name: name for name in ("combiner", "techniques", "allocation", "sampler", "compensation")}
+OPTIONS["reuse_pilot"] = "reuse"
+"""Settings that rules have options for, and the names of the options."""
+
+
+class OptionRule(Rule):
+    """Base class of rules whose `settings` are its attributes named in `OPTIONS`, but for those None or empty."""
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        values = {name: getattr(self, option, None) for name, option in OPTIONS.items()}
+        return {name: value for name, value in values.items() if value not in (None, "")}
+
+
 def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
     """Send a rule the film of its last round, None before the first; returns its next one, None if there is none.
 
@@ -148,14 +162,9 @@ def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
         shares are not in [0, 1], a name of `settings` differs both from its default and from the rule's, or the two
         are incompatible.
     """
-    for name, value, example in (
-        ("pilot", rule.pilot, "{0.5: 2}, camera samples by weight"),
-        ("settings", rule.settings, "{'reuse_pilot': False}"),
-    ):
-        if not isinstance(value, Mapping):
-            raise ValueError(
-                f"{name} of rule {text} must be a dict such as {example}; got {value!r}. Without one, leave it out"
-            )
+    for name, example in (("pilot", "{0.5: 2}, camera samples by weight"), ("settings", "{'reuse_pilot': False}")):
+        if not isinstance(value := getattr(rule, name), Mapping):
+            raise ValueError(f"{name} of rule {text} must be a dict such as {example}; got {value!r}. Or leave it out")
     defaults = make_settings(preset=settings.preset)
     for name, value in rule.settings.items():
         if not hasattr(defaults, name):
@@ -179,7 +188,7 @@ def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
 
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
     """Return how a rule gets the `value` of a setting that it has an option for, or that it has none."""
-    option = {"reuse_pilot": "reuse"}.get(name, name)
+    option = OPTIONS.get(name, name)
     if option == "techniques" and hasattr(rule, option):
         shares = ",".join(f"{name}={1 / len(value):.3g}" for name in value)
         return f'Write rule="simplex:{shares}" with your shares, or rule="simplex:{"+".join(value)}" to learn them'
@@ -191,9 +200,3 @@ def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
     others = [item for item in rest.split(",") if item and not item.startswith(f"{option}=")]
     word = ("no", "yes")[value] if isinstance(value, bool) else value
     return f'Write rule="{rule_name}:{",".join([*others, f"{option}={word}"])}"'
-
-
-def final_settings(sampler: str, reuse: bool | None = None, compensation: float | None = None) -> dict[str, Any]:
-    """Return the settings of these options of a rule; none of an option that is empty or None."""
-    options = {"sampler": sampler or None, "reuse_pilot": reuse, "compensation": compensation}
-    return {name: value for name, value in options.items() if value is not None}

@@ -17,18 +17,13 @@ MOST_ADAPTIVE = 2**16
 def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
     """Return whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2, int32.
 
-    Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
-    keeps their mean.
+    Shares are positive and finite.
 
-    Raises
-    ------
-    ValueError
-        If a share is not positive and finite, or there are more samples than `LEVELS` has.
+    Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
+    keeps their mean. A ValueError if there are more samples than `LEVELS` has.
     """
     if spp > LEVELS[-1]:
         raise ValueError(f"camera samples must be at most {LEVELS[-1]} per pixel where a rule divides them; got {spp}")
-    if not (np.isfinite(share).all() and (share > 0).all()):
-        raise ValueError("samples of a fit must be positive and finite, because every pixel needs some")
     least, most = min(2, spp), LEVELS[-1]
     values, pixels = np.unique(share, return_counts=True)
     low_scale, high_scale = 0.0, most / values[0]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import Gather, objective
 from dmis.fit.pooled_rule import PooledRule
 from dmis.fit.round import Fit, Pilot
-from dmis.fit.rule import final_settings
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
 
@@ -70,10 +68,6 @@ class SecondMoment(PooledRule):
     @property
     def pilot(self) -> Mapping[float, int]:
         return {0.5: self.spp}
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiner} | final_settings(self.sampler, self.reuse, self.compensation)
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:

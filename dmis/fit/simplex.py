@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from dmis.estimator.technique import technique_by_name
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.pooled_rule import PooledRule
 from dmis.fit.round import Fit, Pilot, Weight
-from dmis.fit.rule import final_settings
 from dmis.variance.simplex_curves import SimplexCurves, baseline_point, grid
 
 PRICES = 2.0 ** -np.arange(6)
@@ -88,11 +86,6 @@ class Simplex(PooledRule):
     def pilot(self) -> Mapping[Weight, int]:
         k = len(self.techniques)
         return {0.5 if k == 2 else (1 / k,) * k: self.spp}
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        settings = {"combiner": self.combiner, "techniques": self.techniques}
-        return settings | final_settings(self.sampler, self.reuse, self.compensation)
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:

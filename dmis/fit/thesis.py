@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from dmis.base.validate import one_of, positive, whole
 from dmis.base.vectors import Array
 from dmis.filter import check_taps, gaussian
 from dmis.fit.patch_size import SIZES, choose_patch
-from dmis.fit.round import Fit, Pilot, check_weigh
-from dmis.fit.rule import Rule, final_settings
+from dmis.fit.round import Fit, Pilot
+from dmis.fit.rule import OptionRule
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
 """Case of a patch: the parabola's minimum was used; it lay outside [0, 1], and the nearer end was used; the parabola
@@ -33,7 +33,7 @@ has no minimum, and the best pilot weight was used; the variances were zero, equ
 
 
 @dataclass(frozen=True)
-class Thesis(Rule):
+class Thesis(OptionRule):
     """Choose weights by a parabola through three pilot variances per patch: Seo's thesis (2014), Sec. 3.
 
     Parameters
@@ -96,8 +96,6 @@ class Thesis(Rule):
         one_of("filter", self.filter, ("gaussian", "none"))
         one_of("no_signal", self.no_signal, ("half", "skip"))
         one_of("ragged", self.ragged, ("equal", "area"))
-        if self.weigh:
-            check_weigh(self.weigh, self.combiner)
         check_taps(self.size)
         positive("sigma", self.sigma)
 
@@ -105,11 +103,6 @@ class Thesis(Rule):
     def pilot(self) -> Mapping[float, int]:
         """Camera samples per pixel at w = 0, 1/2, 1."""
         return dict.fromkeys((0.0, 0.5, 1.0), self.spp)
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """Settings of the final samples."""
-        return {"combiner": self.combiner} | final_settings(self.sampler, self.reuse)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return the weight of each pixel, from the pilot at each weight w_i."""

@@ -174,7 +174,7 @@ def test_bench_prints_a_table(scene, capsys):
         ("render SCENE -o a.exr --spp 0", "spp must be"),
         ("render SCENE -o a.exr --spp x", "--spp"),
         ("render SCENE -o a.exr --seed -1", "seed"),
-        ("render SCENE -o a.exr --rule fixed:2", "w must be in [0, 1]"),
+        ("render SCENE -o a.exr --rule fixed:2", "w must be a number from 0 to 1"),
         ("render SCENE -o a.exr --rule thesis:shape=2", "has the options"),
         ("render SCENE -o a.exr --resolution 4", "WIDTHxHEIGHT"),
         ("render SCENE -o a.exr --resolution 6000x6000", "at most 33554432 pixels; got 6000x6000"),

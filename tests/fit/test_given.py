@@ -70,28 +70,14 @@ def test_maps_are_copies() -> None:
             {"weight": np.zeros((WIDTH, HEIGHT))},
             r"weight must be of shape .*\(24, 32\).*height, width.*; got \(32, 24\)",
         ),
-        ({"samples": np.ones((3, 4))}, r"samples must be .* of shape \(24, 32\); got shape \(3, 4\)"),
+        ({"samples": np.ones((3, 4))}, r"samples must be .* of shape \(24, 32\), .*; got shape \(3, 4\)"),
+        ({"samples": 3.0}, r"samples must be .*; got shape \(\)"),
+        ({"weight": 1.5}, r"weight must be in \[0, 1\], a share of the samples; got 1.5"),
+        ({"weight": np.full((HEIGHT, WIDTH), np.nan)}, "got nan"),
+        ({"samples": -np.ones((HEIGHT, WIDTH))}, "positive, finite.*; got .* -1 to -1"),
     ],
 )
-def test_maps_of_another_shape_than_the_image(box: dmis.Scene, maps: dict[str, Any], message: str) -> None:
-    """The error has both shapes."""
+def test_bad_maps(box: dmis.Scene, maps: dict[str, Any], message: str) -> None:
+    """Each message names the map, the constraint and the value."""
     with pytest.raises(ValueError, match=message):
         dmis.render(box, dmis.Given(**maps), 8)
-
-
-@pytest.mark.parametrize(
-    "maps, message",
-    [
-        ({"weight": np.zeros(4)}, r"weight must be one number or of shape \(height, width\); got shape \(4,\)"),
-        ({"weight": 1.5}, r"weight must be in \[0, 1\], a share of the samples; got 1.5"),
-        ({"weight": [[0.5, np.nan]]}, "got nan"),
-        ({"weight": np.zeros((2, 3)), "samples": np.ones((3, 2))}, r"of shape \(2, 3\); got shape \(3, 2\)"),
-        ({"samples": 3.0}, r"samples must be of shape \(height, width\).*; got shape \(\)"),
-        ({"samples": np.zeros((2, 3))}, "not all 0.*; got .* 0 to 0"),
-        ({"samples": [[1.0, -1.0]]}, "not negative.*; got .* -1 to 1"),
-    ],
-)
-def test_bad_maps(maps: dict[str, Any], message: str) -> None:
-    """Each message names the argument, the constraint and the value."""
-    with pytest.raises(ValueError, match=message):
-        dmis.Given(**maps)

@@ -94,7 +94,7 @@ def test_non_rules_are_refused(rule: Any, message: str) -> None:
 @pytest.mark.parametrize(
     "name, value, message",
     [
-        ("pilot", None, r"pilot of rule .* must be a dict such as \{0.5: 2\}.*; got None. Without one, leave it out"),
+        ("pilot", None, r"pilot of rule .* must be a dict such as \{0.5: 2\}.*; got None. Or leave it out"),
         ("pilot", 2, "pilot of rule .* must be a dict .*; got 2"),
         ("settings", [1], r"settings of rule .* must be a dict .*; got \[1\]"),
     ],

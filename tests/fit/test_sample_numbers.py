@@ -78,13 +78,9 @@ def test_whole_samples_keep_the_expectation() -> None:
 
 
 def test_errors() -> None:
-    """More samples than `LEVELS` has; a pixel without a share of them."""
-    rng = np.random.default_rng(1)
+    """More samples than `LEVELS` has."""
     with pytest.raises(ValueError, match="camera samples must be at most 65536 per pixel"):
-        whole_samples(np.ones((2, 2)), 70_000, rng)
-    for bad in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(ValueError, match="samples of a fit must be positive and finite"):
-            whole_samples(np.array([[1, bad]]), 8, rng)
+        whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.4])

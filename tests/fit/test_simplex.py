@@ -310,11 +310,11 @@ def test_rules_of_two_techniques() -> None:
     for combiner in ("optimal", "frozen"):
         with pytest.raises(ValueError, match=f"combiner {combiner} needs two techniques; got 3: light, brdf, uniform"):
             Settings(techniques=three, combiner=combiner)
-    with pytest.raises(ValueError, match="a share for each of light, brdf, uniform; got"):
-        Fixed((0.5, 0.5), techniques=three)
     with pytest.raises(ValueError, match="techniques must be at least two names"):
         Settings(techniques=("light",))
     scene = box_scene(resolution=(8, 8))
+    with pytest.raises(ValueError, match=r"weight must be of shape \(3,\) or .*; got \(2,\)"):
+        dmis.render(scene, Fixed((0.5, 0.5), techniques=three), 16)
     for rule in ("thesis", "second-moment", None):
         with pytest.raises(ValueError, match="needs two techniques; got 3: light, brdf, uniform"):
             dmis.render(scene, rule, 16, settings=Settings(techniques=three))

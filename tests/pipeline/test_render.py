@@ -436,7 +436,7 @@ class _Own(dmis.Rule):
         (Fit(np.full((24, 32, 3), 0.5)), "got .24, 32, 3."),
         (Fit(np.full((3, 24, 32), 1 / 3)), r"\(24, 32\), \(2,\) or \(2, 24, 32\), .*got .3, 24, 32."),
         (Fit((0.5, 0.4)), "must add up to 1 over the techniques, .*; got sums from 0.9 to 0.9"),
-        (Fit(0.5, samples=np.zeros((24, 32))), "samples must be finite, not negative, not all 0"),
+        (Fit(0.5, samples=np.zeros((24, 32))), "samples must be positive, finite, and of shape"),
         (Fit(0.5, samples=np.full((24, 32), np.inf)), "from inf to inf"),
         (None, "must be a dmis.Fit; got NoneType"),
     ],
