@@ -5,11 +5,15 @@ their folders; the tests that need them skip, and say why, where the variable is
 folder is a mistake, and fails.
 """
 
+import itertools
 import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import trimesh
+from helpers import registries_kept
 
 import dmis
 from dmis import intersect
@@ -50,10 +54,22 @@ def references() -> Path:
     return _folder("DMIS_REFERENCES")
 
 
+CACHES = itertools.count()
+
+
 @pytest.fixture(autouse=True)
-def no_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let each test begin without plugins."""
+def alone(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Let each test begin without plugins and with an empty cache, and forget what it registers and imports.
+
+    Modules of tests have names that begin with ``my_``.
+    """
     monkeypatch.setattr("dmis.base.plugins._LOADED", [])
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path_factory.getbasetemp() / f"cache-{next(CACHES)}"))
+    with registries_kept():
+        yield
+    for name in [name for name in sys.modules if name.startswith("my_")]:
+        del sys.modules[name]
 
 
 @pytest.fixture

@@ -10,6 +10,8 @@ import linecache
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -19,15 +21,30 @@ import scipy.stats
 
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
+from dmis.estimator.technique import TECHNIQUES
+from dmis.fit.registry import RULES
 from dmis.fit.round import Round
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.pipeline.tile import Tile, render_tile
+from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene
 
 LEVEL = 1 - 0.99 ** (1 / 1000)
 """Šidák's level of each of (at most) 1000 statistical tests whose chance of any false alarm is 1 %."""
 Z_LIMIT = float(scipy.stats.norm.isf(LEVEL / 2))
 """Two-sided limit of a normal deviate at `LEVEL`, 4.4."""
+
+
+@contextmanager
+def registries_kept() -> Iterator[None]:
+    """Take back the rules, techniques and samplers that are registered within."""
+    tables = [(table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)]
+    try:
+        yield
+    finally:
+        for table, known in tables:
+            table.clear()
+            table.update(known)  # type: ignore[arg-type]
 
 
 def run_cell(code: str, name: str, namespace: dict[str, Any]) -> None:

@@ -10,12 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers import shared_scene
+from helpers import registries_kept, shared_scene
 
 import dmis
-from dmis.estimator.technique import TECHNIQUES
-from dmis.fit.registry import RULES
-from dmis.samplers.streams import SAMPLERS
 from examples import gallery
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,10 +25,9 @@ def run_alone(run: Callable[[], Any], folder: Path, monkeypatch: pytest.MonkeyPa
     """
     import matplotlib
 
-    tables = [(table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)]
     modules = set(sys.modules)
     path = [entry for entry in sys.path if Path(entry) not in (ROOT / "tests", ROOT / "examples", ROOT / "benchmarks")]
-    with monkeypatch.context() as patch, matplotlib.rc_context():
+    with monkeypatch.context() as patch, matplotlib.rc_context(), registries_kept():
         matplotlib.use("agg")
         patch.setattr(sys, "path", [str(folder), *path])
         patch.setattr(dmis, "load_scene", shared_scene)
@@ -40,9 +36,6 @@ def run_alone(run: Callable[[], Any], folder: Path, monkeypatch: pytest.MonkeyPa
         try:
             run()
         finally:
-            for table, known in tables:
-                table.clear()
-                table.update(known)
             for name in set(sys.modules) - modules:
                 file = getattr(sys.modules[name], "__file__", None) or ""
                 if Path(file).parent in (ROOT / "examples", ROOT / "benchmarks"):

@@ -27,23 +27,13 @@ CODE = {page: re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S) 
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Every Python block of a page, one after the other, in an empty folder."""
     import dmis
-    from dmis.estimator.technique import TECHNIQUES
-    from dmis.fit.registry import RULES
-    from dmis.samplers.streams import SAMPLERS
 
     monkeypatch.setattr(dmis, "load_scene", shared_scene)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    tables = {id(table): (table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)}
     namespace: dict = {"__name__": "page"}
-    try:
-        for k, code in enumerate(CODE[page]):
-            code = code.replace("(200, 200)", "(40, 40)").replace("spp=128", "spp=32")  # of README.md
-            run_cell(code, f"<{page.name}, block {k}>", namespace)
-    finally:
-        for table, known in tables.values():
-            table.clear()
-            table.update(known)
+    for k, code in enumerate(CODE[page]):
+        code = code.replace("(200, 200)", "(40, 40)").replace("spp=128", "spp=32")  # of README.md
+        run_cell(code, f"<{page.name}, block {k}>", namespace)
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +157,6 @@ def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
     import dmis
     from dmis.fit.round import Pilot
 
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     steps = run("4_thesis", tmp_path, monkeypatch)
     rule = dmis.make_rule(steps.rule)
     pilot = {w: Pilot(moments) for w, moments in zip((0.0, 0.5, 1.0), steps.moments, strict=True)}

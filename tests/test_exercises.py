@@ -6,28 +6,17 @@ import importlib
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from dmis.fit.registry import RULES
 from dmis.testing.outcome import Outcome
 
 FOLDER = Path(__file__).parents[1] / "docs" / "exercises"
 STARTERS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
 sys.path.append(str(FOLDER / "checks"))
 EXERCISES = importlib.import_module("exercises").EXERCISES
-
-
-@pytest.fixture(autouse=True)
-def forget_rules() -> Iterator[None]:
-    """Starter and solution register the same name."""
-    known = dict(RULES)
-    yield
-    RULES.clear()
-    RULES.update(known)
 
 
 def check(number: int, text: str) -> list[Outcome]:

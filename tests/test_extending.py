@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from helpers import Z_LIMIT
 import dmis
 from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
-from dmis.samplers.streams import SAMPLERS, Independent
+from dmis.samplers.streams import Independent
 
 PAGE = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8")
 
@@ -24,17 +22,6 @@ def block(heading: str) -> str:
     found = re.search(rf"^## {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
     assert found
     return found[1]
-
-
-@pytest.fixture(autouse=True)
-def forget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Leave the tables as they were, and keep references apart."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    techniques, samplers = dict(TECHNIQUES), dict(SAMPLERS)
-    yield
-    for table, names in ((TECHNIQUES, techniques), (SAMPLERS, samplers)):
-        table.clear()
-        table.update(names)  # type: ignore[arg-type]
 
 
 def same_mean(first: dmis.Result, second: dmis.Result) -> None:
@@ -60,8 +47,7 @@ def test_technique() -> None:
 
 
 @pytest.mark.usefixtures("drawn")
-def test_technique_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "path", list(sys.path))
+def test_technique_on_the_command_line(tmp_path: Path) -> None:
     path = tmp_path / "my_cosine.py"
     path.write_text(block("A technique"), "utf-8")
     small = ["teapot-area-light", "--resolution", "16x12", "--spp", "4", "--plugin", str(path), "--quiet"]
@@ -102,8 +88,7 @@ def test_sampler() -> None:
     assert errors[0] < 0.8 * errors[1]
 
 
-def test_sampler_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    monkeypatch.setattr(sys, "path", list(sys.path))
+def test_sampler_on_the_command_line(tmp_path: Path, capsys) -> None:
     path, out = tmp_path / "my_sampler.py", tmp_path / "a.exr"
     path.write_text(block("A sampler"), "utf-8")
     small = ["render", "teapot-area-light", "--resolution", "16x12", "--spp", "4", "--sampler", "r2", "-o", str(out)]

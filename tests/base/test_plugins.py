@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,8 +12,6 @@ import pytest
 import dmis
 from dmis.base import plugins
 from dmis.cli.commands import main
-from dmis.estimator.technique import TECHNIQUES
-from dmis.fit.registry import RULES
 from dmis.image import read_exr
 
 PLUGIN = """
@@ -31,20 +28,6 @@ class Third(dmis.Rule):
 dmis.register_rule("third", Third)
 """
 SMALL = ("--resolution", "16x12", "--plugin")
-
-
-@pytest.fixture(autouse=True)
-def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Leave the tables, modules and search path as they were."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    rules, techniques = dict(RULES), dict(TECHNIQUES)
-    yield
-    RULES.clear()
-    RULES.update(rules)
-    TECHNIQUES.clear()
-    TECHNIQUES.update(techniques)
-    for name in [name for name in sys.modules if name.startswith("my_")]:
-        del sys.modules[name]
 
 
 def write(folder: Path, text: str = PLUGIN, name: str = "my_rules.py") -> str:
@@ -82,9 +65,8 @@ def test_a_cluster_knows_what_a_plugin_registers(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("drawn")
-def test_every_command_has_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_every_command_has_plugins(tmp_path: Path, capsys) -> None:
     """`compare` and `bench` measure the rule; `info` takes the option, which may be repeated."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     plugin, other = write(tmp_path), write(tmp_path, "import my_rules\nprint('second')", "my_second.py")
     options = ("--rules", "third", "--spp", "4", *SMALL, plugin)
     compared = ("compare", "teapot-area-light", "--seeds", "2", "--reference-spp", "4", "-o", str(tmp_path / "out"))

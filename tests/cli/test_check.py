@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import re
-import sys
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import dmis
 from dmis.cli.commands import main
-from dmis.estimator.technique import TECHNIQUES
-from dmis.fit.registry import RULES
 from dmis.testing.outcome import Outcome
 
 DUST = """
@@ -65,19 +61,6 @@ dmis.register_technique(replace(again, name="hidden", rays="hidden", pdf=lambda 
 dmis.register_rule("third", Third)
 _private = Lambert(0.5)
 """
-
-
-@pytest.fixture(autouse=True)
-def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Leave the tables, modules and search path as they were."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    tables = [(table, dict(table)) for table in (RULES, TECHNIQUES)]
-    yield
-    for table, known in tables:
-        table.clear()
-        table.update(known)
-    for name in [name for name in sys.modules if name.startswith("my_")]:
-        del sys.modules[name]
 
 
 def write(folder: Path, text: str, name: str = "my_lobe.py") -> str:

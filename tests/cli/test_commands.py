@@ -316,7 +316,6 @@ def test_output_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments
     """A missing package, a wrong format and a wrong folder give exit code 2 before the first ray, and no file."""
     (tmp_path / "taken" / "report.html").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("dmis.pipeline.executor.Workers.render", lambda *_: pytest.fail("it has begun"))
     if missing:
         monkeypatch.setitem(sys.modules, missing, None)
@@ -329,7 +328,6 @@ def test_output_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments
 @pytest.mark.filterwarnings("default")
 def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatch, capsys):
     """It warns before the first ray and writes its table; with matplotlib the same command adds plots and report."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     words = ["--rules", "balance", "--spp", "2", "--seeds", "1", "--reference-spp", "2", "--resolution", "12x8"]
     command = ["compare", scene, *words, "-o", str(tmp_path / "out"), "--quiet"]
     with monkeypatch.context() as without:
@@ -344,7 +342,6 @@ def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatc
 def test_oracle(tmp_path, monkeypatch, capsys):
     """``oracle`` prints what the best weights leave and plots them, from the cache the second time."""
     pytest.importorskip("matplotlib")
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     command = ["oracle", "teapot-area-light", "--resolution", "24x24", "--spp", "64", "-o", str(tmp_path / "out")]
     assert main(command) == 0
     captured = capsys.readouterr()
@@ -359,7 +356,6 @@ def test_oracle(tmp_path, monkeypatch, capsys):
 def test_interrupt_of_compare_says_what_is_kept(scene, tmp_path, monkeypatch, capsys):
     """Before the first render is finished only tiles of the reference are kept, in the cache; with a file as reference
     nothing is."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     np.save(tmp_path / "r.npy", np.ones((8, 12, 3)))
     command = ["compare", scene, "--spp", "4", "--resolution", "12x8", "--quiet", "-o", str(tmp_path / "out")]
 
@@ -367,7 +363,7 @@ def test_interrupt_of_compare_says_what_is_kept(scene, tmp_path, monkeypatch, ca
         raise KeyboardInterrupt
 
     for place, more, text in (
-        ("make_reference", [], f"finished tiles are kept in {tmp_path}/cache. Run"),
+        ("make_reference", [], f"finished tiles are kept in {os.environ['DMIS_CACHE']}. Run"),
         ("load_reference", ["--reference", str(tmp_path / "r.npy")], "nothing is kept, because no render was finished"),
         ("summary", ["--reference", str(tmp_path / "r.npy")], f"finished renders are kept in {tmp_path}/out. Run"),
     ):

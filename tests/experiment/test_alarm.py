@@ -39,9 +39,8 @@ def test_a_stale_reference_raises_the_alarm_once_for_a_rule(stale):
 
 
 @pytest.mark.usefixtures("without_plots")
-def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
+def test_comparison_and_report_have_the_alarm(stale, tmp_path):
     """A line below the table, a paragraph and a mark on the page, a column of results.csv; and again when resumed."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     scene, reference = stale
     for _ in range(2):
         with pytest.warns(alarm.ReferenceWarning):
@@ -56,9 +55,8 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("without_plots")
-def test_warning_of_a_noisy_reference(tmp_path, monkeypatch):
+def test_warning_of_a_noisy_reference(tmp_path):
     """A line of the table and a paragraph of the page, if its own error is more than 5 % of the smallest one."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     scene = box_scene()
     for spp, noisy in ((2, True), (256, False)):
         reference = dmis.make_reference(scene, spp)

@@ -74,9 +74,8 @@ def test_bad_arguments_of_compare_are_named(tmp_path, box, changes, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_compare(tmp_path, capsys, monkeypatch):
+def test_compare(tmp_path, capsys):
     """The table has a row per rule, budget and seed; a rule whose pilot does not fit is left out."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     out = tmp_path / "out"
     arguments = ["compare", "teapot-area-light", "--rules", "thesis,fixed:1", "--spp", "4,8", "--seeds", "2"]
     assert main([*arguments, *SIZE, "-o", str(out)]) == 0
@@ -98,9 +97,8 @@ def test_compare(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.usefixtures("drawn")
-def test_errors_of_a_crop(tmp_path, capsys, monkeypatch):
+def test_errors_of_a_crop(tmp_path, capsys):
     """A lamp in one pixel has nearly all of the MSE, and the table says so; errors of a crop are of its pixels."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     scene = dmis.load_scene("teapot-area-light", resolution=(24, 18))
     reference = dmis.make_reference(scene, 16)
     bright = reference.first.copy()

@@ -22,9 +22,8 @@ def reference(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> dmis
 
 
 @pytest.fixture
-def rendered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, drawn: list[Path]) -> list[tuple[str, int, int]]:
+def rendered(monkeypatch: pytest.MonkeyPatch, drawn: list[Path]) -> list[tuple[str, int, int]]:
     """What is rendered from here on."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     seen = []
     original = dmis.render
 

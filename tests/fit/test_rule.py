@@ -1,7 +1,6 @@
 """The base class of rules: defaults, names, errors; and the rule that docs/extending.md shows."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +21,6 @@ from dmis.testing.scenes import box_scene
 from dmis.variance.moments import Moments
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(autouse=True)
-def _names() -> Iterator[None]:
-    """Take back the names that a test registers."""
-    known = dict(RULES)
-    yield
-    RULES.clear()
-    RULES.update(known)
 
 
 @pytest.fixture(scope="module")

@@ -247,7 +247,6 @@ def test_browser_repaints_in_time(browser, tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_played(tmp_path: Path, monkeypatch, capsys, options: str, message: str) -> None:
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     with contextlib.suppress(SystemExit):  # of argparse
         assert main(["play", "teapot-area-light", "-o", "play.html", "--spp", "8", *options.split()]) == 2
@@ -256,7 +255,6 @@ def test_what_cannot_be_played(tmp_path: Path, monkeypatch, capsys, options: str
 
 def test_command_writes_the_page(tmp_path: Path, monkeypatch, capsys) -> None:
     """The second time from the cache; nothing in the page is loaded from elsewhere."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     path = tmp_path / "play.html"
     command = ["play", "teapot-area-light", "--resolution", "24x20", "--spp", "16", "-o", str(path)]
     assert main(command) == 0 and "play.html: open it in a browser" in capsys.readouterr().out
