@@ -64,7 +64,7 @@ def test_technique_on_the_command_line(tmp_path: Path) -> None:
         ({"name": "light+brdf"}, "name must be a word of letters, digits and _; got 'light.brdf'"),
         ({"rays": "shadow"}, "technique mine: rays must be a kind of its own, such as 'mine'; got 'shadow'"),
         ({"rays": "camera"}, "got 'camera'"),
-        ({"numbers": 5}, "technique mine: numbers must be 2 to 4; got 5"),
+        ({"numbers": 5}, "numbers of technique mine must be a whole number from 2 to 4; got 5"),
     ],
 )
 def test_techniques_that_are_refused(changes: dict[str, object], message: str) -> None:

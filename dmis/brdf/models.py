@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.color import Rgb
+from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
 from dmis.brdf.coated_conductor import CoatedConductor, CoatedFresnel
@@ -138,9 +139,8 @@ def coated_diffuse(
     bounces
         How many reflections by the base count; None: all.
     """
-    alpha, eta, thickness = _check_layers(
-        bounces, alpha=(alpha, 0, 10), eta=(eta, 1, 100), thickness=(thickness, 0, 1000)
-    )
+    alpha, eta, thickness = _check_layers(alpha=(alpha, 0, 10), eta=(eta, 1, 100), thickness=(thickness, 0, 1000))
+    bounces = None if bounces is None else whole("bounces", bounces, 1)
     check_values("kd", kd, "in [0, 1]", "it is reflected again and again", 0, 1)
     base = CoatedBase(kd, eta, alpha if eta > 1 else 0.0, thickness, bounces)
     lobes: tuple[Lobe, ...] = () if is_black("kd", kd) else (base,)
@@ -169,8 +169,8 @@ def coated_conductor(
     bounces
         How many reflections by the metal count.
     """
+    bounces = whole("bounces", bounces, 1)
     alpha, coat_alpha, coat_eta, thickness = _check_layers(
-        bounces,
         alpha=(alpha, 0, 1),
         coat_alpha=(coat_alpha, 0, 1),
         coat_eta=(coat_eta, 1, 100),
@@ -186,18 +186,13 @@ def coated_conductor(
     return Material((base, *_coat(coat_alpha, coat_eta)), "coatedconductor")
 
 
-def _check_layers(bounces: int | None, **bounds: tuple[float, float, float]) -> list[float]:
-    """Return the values of layers, which must be in their `bounds` (value, least, most); check `bounces`, too."""
-    values = []
-    for name, (value, least, most) in bounds.items():
-        reason = "what crosses the coat is tabulated"
-        values.append(check_number(name, value, f"from {least} to {most}", reason, least, most))
-        if name.endswith("alpha") and 0 < value < MIN_ALPHA:
-            text = f"must be 0 or at least {MIN_ALPHA:g}, what float32 directions resolve"
-            raise ValueError(f"{name} {text}; got {value}")
-    if bounces is not None and not (isinstance(bounces, int | np.integer) and bounces >= 1):
-        raise ValueError(f"bounces must be an integer, at least 1, because the first is what is seen; got {bounces}")
-    return values
+def _check_layers(**bounds: tuple[float, float, float]) -> list[float]:
+    """Return the values of layers, which must be in their `bounds` (value, least, most)."""
+    reason = "what crosses the coat is tabulated"
+    return [
+        check_number(name, value, f"from {least} to {most}", reason, least, most)
+        for name, (value, least, most) in bounds.items()
+    ]
 
 
 def _coat(alpha: float, eta: float) -> tuple[Lobe, ...]:

@@ -72,7 +72,8 @@ def shading_samples(
             ]
             sample_index, points = merged[0]
             if len(merged) > 1:
-                points = joined_selections(n, *(selection for _, selection in merged))
+                every = np.arange(n)
+                points = np.concatenate([take(every, selection) for _, selection in merged])
             vertex = compose(index, points)
             surface = vertices.surface.take(vertex)
             seen = light.seen_from(surface.ng)
@@ -107,12 +108,6 @@ def merged_samples(
         total += number
     if merged:
         yield merged
-
-
-def joined_selections(n: int, *selections: Selection | None) -> Index:
-    """Return selections from n points as one, one after the other."""
-    every = np.arange(n)
-    return np.concatenate([take(every, selection) for selection in selections])
 
 
 def prefix_or_suffix(condition: np.ndarray) -> slice | None:

@@ -19,6 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
+from dmis.base.validate import number, positive
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.optimal_mis import Optimal
 from dmis.estimator.records import Record
@@ -39,10 +40,7 @@ def power(beta: float) -> Heuristic:
 
     From `LARGEST_EXPONENT` on it is `maximum`, its limit.
     """
-    if not 0 < beta < np.inf:
-        raise ValueError(
-            f"the exponent of the power heuristic must be positive and finite; got {beta}. Use maximum for its limit"
-        )
+    positive("the exponent of the power heuristic", beta)
     if beta > LARGEST_EXPONENT:
         return maximum
     least = np.float32(1e-18 ** min(1, 2 / beta))  # of a ratio; below it W is 0 to any float
@@ -66,10 +64,7 @@ def maximum(a: Sequence[Array], k: int) -> Array:
 
 def cutoff(alpha: float) -> Heuristic:
     """Balance among the techniques whose density is at least `alpha` times the largest."""
-    if not 0 <= alpha <= 1:
-        raise ValueError(
-            f"the threshold of the cutoff heuristic must be in [0, 1], a share of the maximum; got {alpha}"
-        )
+    number("the threshold of the cutoff heuristic", alpha, 0, 1, "a share of the maximum")
 
     def heuristic(a: Sequence[Array], k: int) -> Array:
         threshold = np.float32(alpha) * reduce(np.maximum, a)
@@ -198,13 +193,13 @@ def combiner_by_name(name: str) -> Combiner:
         return Combiner(name, maximum)
     kind, dash, text = name.partition("-")
     try:
-        number = float(text) if dash else None
+        parameter = float(text) if dash else None
     except ValueError:
-        number = np.nan
-    if kind == "power" and number == number:
-        return Combiner(name, power(2.0 if number is None else number))
-    if kind == "cutoff" and number == number:
-        return Combiner(name, cutoff(0.1 if number is None else number))
+        parameter = np.nan
+    if kind == "power" and parameter == parameter:
+        return Combiner(name, power(2.0 if parameter is None else parameter))
+    if kind == "cutoff" and parameter == parameter:
+        return Combiner(name, cutoff(0.1 if parameter is None else parameter))
     raise ValueError(
         f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or optimal; got {name!r}"
     )

@@ -158,16 +158,13 @@ def merge(parts: Sequence[Rays], samples: int) -> Rays:
         return parts[0]
     every = np.arange(samples)
     sample = np.concatenate([take(every, p.sample) for p in parts])
-    fields = zip(*((p.origin, p.direction, _throughput(p)) for p in parts), strict=True)
-    origin, direction, throughput = (np.concatenate(f, axis=1) for f in fields)
+    throughputs = (np.ones_like(p.origin) if p.throughput is None else p.throughput for p in parts)
+    fields = zip(*((p.origin, p.direction) for p in parts), strict=True)
+    origin, direction, throughput = (np.concatenate(list(f), axis=1) for f in (*fields, throughputs))
     adds_emission = parts[0].adds_emission
     if not isinstance(adds_emission, bool) or any(p.adds_emission is not adds_emission for p in parts):
         adds_emission = np.concatenate([np.broadcast_to(p.adds_emission, p.origin.shape[1]) for p in parts])
     return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, adds_emission)
-
-
-def _throughput(rays: Rays) -> Array:
-    return np.ones(rays.origin.shape, np.float32) if rays.throughput is None else rays.throughput
 
 
 def _reflected(surface: ShadingPoints, wi: Array) -> Array:

@@ -33,17 +33,10 @@ def _technique_names(name: str, value: Any) -> tuple[str, ...]:
     return names
 
 
-def _combiner_name(name: str, value: Any) -> str:
-    """Return the name of a combiner; raise a ValueError if it is something else."""
-    if not isinstance(value, str):
-        raise ValueError(f"{name} must be a name such as 'balance' or 'power'; got {value!r}")
-    return value
-
-
 _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "shading_samples": partial(whole, least=1, most=MAX_SHADING_SAMPLES),
     "techniques": _technique_names,
-    "combiner": _combiner_name,
+    "combiner": lambda _, name: combiner_by_name(str(name)).name,
     "allocation": partial(one_of, allowed=("systematic", "random")),
     "max_depth": lambda name, d: d if d in (None, "auto") else whole(name, d, 1, MAX_DEPTH, "auto or None"),
     "sampler": lambda name, kind: one_of(name, kind, ("auto", *SAMPLERS)),
@@ -242,7 +235,9 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
         raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
     names = [field.name for field in fields(Settings)]
     if unknown := [name for name in options if name not in names]:
-        raise _no_such_option(unknown, names)
+        is_parallel = {"threads", "workers", "executor"} & set(unknown)
+        hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)
+        raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
     preset = options.get("preset")
     if preset is not None and settings is not None and settings.preset != preset:
         raise ValueError(
@@ -252,13 +247,6 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     if isinstance(preset, str) and preset in PRESETS and settings is None:
         settings = Settings(**PRESETS[preset].values)
     return replace(settings or Settings(), **options)
-
-
-def _no_such_option(unknown: list[str], names: list[str]) -> ValueError:
-    """Return the error that options are no fields of `Settings`, which has the fields `names`."""
-    is_parallel = {"threads", "workers", "executor"} & set(unknown)
-    hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)
-    return ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
 
 
 def resolve_auto(settings: Settings, scene: Scene) -> Settings:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.estimator.resampling import resampled
@@ -48,34 +49,25 @@ class Technique:
     exact: bool = True
 
 
-def _light_sample(surface: ShadingPoints, light: SampledLight, u: Array) -> LightSample:
-    return light.sample(surface.p, u)
-
-
-def _light_pdf(surface: ShadingPoints, directions: Directions, light_pdf: Array) -> Array:
-    return light_pdf
-
-
-def _brdf_sample(surface: ShadingPoints, light: SampledLight, u: Array) -> LightSample:
-    return light.hit(surface.p, surface.sample(u))
-
-
-def _brdf_pdf(surface: ShadingPoints, directions: Directions, light_pdf: Array) -> Array:
-    return surface.pdf(directions)
-
-
-def _uniform_sample(surface: ShadingPoints, light: SampledLight, u: Array) -> LightSample:
-    return light.hit(surface.p, to_world(square_to_hemisphere(u), surface.n))
-
-
-def _uniform_pdf(surface: ShadingPoints, directions: Directions, light_pdf: Array) -> Array:
-    return directions.above / TWO_PI
-
-
-LIGHT = Technique("light", "shadow", _light_sample, _light_pdf)
-BRDF = Technique("brdf", "brdf", _brdf_sample, _brdf_pdf)
-UNIFORM = Technique("uniform", "uniform", _uniform_sample, _uniform_pdf)
-RESAMPLED = Technique("resampled", "resampled", resampled, _light_pdf, numbers=3, exact=False)
+LIGHT = Technique(
+    "light",
+    "shadow",
+    lambda surface, light, u: light.sample(surface.p, u),
+    lambda surface, directions, light_pdf: light_pdf,
+)
+BRDF = Technique(
+    "brdf",
+    "brdf",
+    lambda surface, light, u: light.hit(surface.p, surface.sample(u)),
+    lambda surface, directions, light_pdf: surface.pdf(directions),
+)
+UNIFORM = Technique(
+    "uniform",
+    "uniform",
+    lambda surface, light, u: light.hit(surface.p, to_world(square_to_hemisphere(u), surface.n)),
+    lambda surface, directions, light_pdf: directions.above / TWO_PI,
+)
+RESAMPLED = Technique("resampled", "resampled", resampled, LIGHT.pdf, numbers=3, exact=False)
 TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)}
 """Techniques by name. `UNIFORM`, of equal density over the hemisphere, is for teaching."""
 _OTHER_RAYS = frozenset({"camera", "delta", "specular", "guide"})
@@ -99,8 +91,7 @@ def register_technique(technique: Technique) -> None:
     others = {other.rays for other in TECHNIQUES.values() if other.name != name}
     if rays in others | _OTHER_RAYS or rays.startswith("bounce"):
         raise ValueError(f"technique {name}: rays must be a kind of its own, such as {name!r}; got {rays!r}")
-    if not 2 <= technique.numbers <= 4:
-        raise ValueError(f"technique {name}: numbers must be 2 to 4; got {technique.numbers}")
+    whole(f"numbers of technique {name}", technique.numbers, 2, 4)
     TECHNIQUES[name] = technique
 
 

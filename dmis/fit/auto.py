@@ -222,10 +222,8 @@ class Auto(OptionRule):
                 continue
             decision = self.decide(first, variance, colour)
             pattern[at], begin[at] = decision.pattern, np.where(decision.restarts, 0, n)
-            cost, least = (
-                decision.cost[pattern[at]] * decision.cost_ratio,
-                np.where(decision.restarts, 2, n),
-            )  # one sample has no variance
+            cost = decision.cost[pattern[at]] * decision.cost_ratio
+            least = np.where(decision.restarts, 2, n)  # one sample has no variance
             # in units of camera samples of the pattern 1:1; the first round counts as if it had the pixel's own cost
             allowance = (float(budget.spp) - decision.cost[FIRST] * n + begin[at] * cost).sum()
             chance = budget.generator(1).random(shape)[at].copy()  # of the whole image, which is large

@@ -98,11 +98,6 @@ def _inverse_variance(means: Array, cost: tuple[float, float]) -> Array:
     return _proportion(brdf * cost[0], light * cost[1])
 
 
-def _weighted(x: Array, d: Array) -> Array:
-    """Return the weighted contribution of each technique, ``W_i f / p_i`` with equal counts, ``(2, N)``."""
-    return x
-
-
 def _neyman(means: Array, cost: tuple[float, float]) -> Array:
     """Return shares in proportion to ``s_i / sqrt(c_i)``."""
     light, brdf = np.sqrt(np.maximum(means, 0))
@@ -159,7 +154,7 @@ def _proportion(a: Array, b: Array) -> Array:
 _OBJECTIVES = {
     "taylor": Objective(_tangent, _newton),
     "inverse-variance": Objective(_alone, _inverse_variance, variance=True),
-    "neyman": Objective(_weighted, _neyman, variance=True),
+    "neyman": Objective(lambda x, d: x, _neyman, variance=True),  # W_i f / p_i with equal counts
     "representativity": Objective(_squares, _representativity),
     "kl": Objective(partial(_divergence, gamma=1.0), _root),
 }

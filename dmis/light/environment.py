@@ -13,7 +13,7 @@ import numpy as np
 from dmis.base.color import LUMINANCE
 from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array, Selection, take
-from dmis.brdf.texture import Image
+from dmis.brdf.texture import Image, check_values
 from dmis.image_reader import load_image
 from dmis.light.light import InfiniteLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, check_compensation, rgb
@@ -52,9 +52,9 @@ class EnvironmentLight(InfiniteLight):
     Parameters
     ----------
     texels
-        ``(H, W, 3)`` linear radiance; row 0 is +z, column 0 begins at azimuth 0 (the +x axis), bilinear in between.
-        Or the path of an image file, see `dmis.load_image`. Azimuths grow with the columns, as in pbrt, whose world is
-        left-handed: so that a panorama is not seen mirrored, give ``to_world=numpy.diag((1, -1, 1))``.
+        ``(H, W, 3)`` or ``(H, W, 1)`` linear radiance; row 0 is +z, column 0 begins at azimuth 0 (the +x axis),
+        bilinear in between. Or the path of an image file, see `dmis.load_image`. Azimuths grow with the columns, as in
+        pbrt, whose world is left-handed: for no mirrored panorama give ``to_world=numpy.diag((1, -1, 1))``.
     to_world
         3x3 rotation from the map's frame to the world.
     scale
@@ -81,13 +81,7 @@ class EnvironmentLight(InfiniteLight):
 
     def __post_init__(self) -> None:
         if isinstance(self.texels, str | os.PathLike):
-            texels = load_image(self.texels)
-            object.__setattr__(self, "texels", texels.repeat(3 // texels.shape[2], axis=2))
-        texels = np.asarray(self.texels, np.float32)
-        if texels.ndim != 3 or texels.shape[2] != 3 or texels.size == 0:
-            raise ValueError(f"texels must have shape (H, W, 3); got {texels.shape}")
-        if not np.isfinite(texels).all() or (texels < 0).any():
-            raise ValueError("texels must be finite and not negative, because they are radiance")
+            object.__setattr__(self, "texels", load_image(self.texels))
         check_compensation(self.compensation)
         _ = self._data
 
@@ -95,6 +89,7 @@ class EnvironmentLight(InfiniteLight):
     def _data(self) -> tuple[Image, Array | None]:
         """The scaled map as a texture; rotation from the map to the world, None if there is nothing to rotate."""
         texels, factor = np.asarray(self.texels, np.float32), rgb("scale", self.scale)[:, 0]
+        check_values("texels", Image(texels), "finite and not negative", "they are radiance")
         if (factor != 1).any():  # maps are large
             brightest = texels.max(axis=(0, 1)).astype(float) * factor
             if not (brightest <= np.finfo(np.float32).max).all():

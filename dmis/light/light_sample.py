@@ -9,6 +9,7 @@ import numpy as np
 
 from dmis.base import validate
 from dmis.base.vectors import TINY, Array, Selection, dot, take
+from dmis.brdf.texture import check_values
 from dmis.samplers.warp import cone_pdf, square_to_cone, to_world
 
 Rgb = tuple[float, float, float]
@@ -16,7 +17,7 @@ INFINITE_DISTANCE = np.float32(1e30)
 """Distance of lights that are infinitely far away."""
 ANY_POINT = np.zeros((3, 1), np.float32)
 """Point at which to look up the radiance of a light that emits the same everywhere."""
-_FLOAT32_MAX = 3.4e38
+_BELOW_1 = float(np.nextafter(1, 0))
 _MIN_FAR_END = np.float32(1e-12)  # of directions that lead away from a sphere, whose distances are not used
 
 
@@ -112,12 +113,8 @@ def intersect_plane(p: Array, wi: Array, normal: Array) -> tuple[Array, Array, A
 
 def rgb(name: str, value: Rgb) -> Array:
     """Return a colour as ``(3, 1)`` float32; refuse one that is negative or not finite, and call it `name`."""
-    out = np.asarray(value, np.float64).reshape(-1)
-    if out.shape == (1,):
-        out = np.repeat(out, 3)
-    if out.shape != (3,) or not (out <= _FLOAT32_MAX).all() or (out < 0).any():
-        raise ValueError(f"{name} must be three finite non-negative numbers (linear RGB) below 3.4e38; got {value}")
-    return out.astype(np.float32)[:, None]
+    numbers = check_values(name, value, "finite, not negative, and below 3.4e38", "it is emitted", image=False)
+    return np.broadcast_to(numbers, 3).astype(np.float32)[:, None]
 
 
 def point(name: str, value: Rgb) -> Array:
@@ -139,6 +136,5 @@ def check_compensation(share: Any) -> float | None:
     """Return the compensation of a sky as a float or None; raise a ValueError unless it is in [0, 1)."""
     if share is None:
         return None
-    if isinstance(share, bool) or not isinstance(share, int | float | np.number) or not 0 <= share < 1:
-        raise ValueError(f"compensation must be in [0, 1), so that light samples reach all of the sky; got {share!r}")
-    return float(share)
+    more = "but less than 1, so that light samples reach all of the sky"
+    return validate.number("compensation", share, 0, _BELOW_1, more)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 Progress = Callable[[str, int, int], None]
@@ -52,11 +52,8 @@ def reporting(progress: Progress | bool | None, unit: str = "samples") -> Iterat
     A ValueError if `progress` is neither a function, nor True, False or None.
     """
     if progress is True:
-        bar = ProgressBar(unit)
-        try:
+        with closing(ProgressBar(unit)) as bar:
             yield bar
-        finally:
-            bar.close()
     elif progress is None or progress is False:
         yield None
     elif callable(progress):

@@ -125,7 +125,8 @@ class SubBlocks:
         for n in np.unique(numbers):
             chosen = slice(None) if (numbers == n).all() else np.flatnonzero(numbers == n)
             part, of = samples[..., chosen], pixels[chosen]
-            starts = _starts(int(n)) - first
+            blocks = max(1, min(int(n), BLOCKS))
+            starts = -(-np.arange(blocks + 1) * int(n) // blocks) - first
             for block, begin, end in zip(self._sum, starts[:-1], starts[1:], strict=False):
                 within = part[max(begin, 0) : max(end, 0)]
                 if len(within):
@@ -149,12 +150,6 @@ class SubBlocks:
         # the variance of a mean is m2 / (n - 1) / n
         number = int(self._n[0]) if (self._n == self._n[0]).all() else self._n[None].astype(float)
         return Moments(number, mean, v * n * (n - 1))
-
-
-def _starts(n: int) -> np.ndarray:
-    """Return where the sub-blocks of n samples begin, and the end of the last."""
-    blocks = max(1, min(n, BLOCKS))
-    return -(-np.arange(blocks + 1) * n // blocks)
 
 
 @dataclass(frozen=True, eq=False)

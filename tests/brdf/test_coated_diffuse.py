@@ -326,16 +326,16 @@ def test_image_under_a_coat() -> None:
         ({"kd": 1.2}, r"kd must be in \[0, 1\]"),
         ({"kd": Image(np.full((1, 1, 1), 2.0))}, r"kd must be in \[0, 1\], because .* got an image \(1, 1, 1\) from 2"),
         ({"kd": -1}, r"kd must be in \[0, 1\]"),
-        ({"alpha": 1e-6}, "alpha must be 0 or at least 0.0001"),
+        ({"alpha": 1e-6}, "alpha must be positive and finite, at least 0.0001"),
         ({"alpha": np.nan}, "alpha must be from 0 to 10, because"),
         ({"alpha": (0.1, 0.2)}, "alpha must be a number, because"),
         ({"alpha": Image(np.ones((1, 1, 1)))}, "alpha must be a number, because"),
         ({"eta": 0.9}, "eta must be from 1 to 100, because"),
         ({"eta": np.nan}, "eta must be from 1 to 100, because"),
         ({"thickness": -1}, "thickness must be from 0 to 1000, because"),
-        ({"bounces": 0}, "bounces must be an integer, at least 1"),
-        ({"bounces": 1.5}, "bounces must be an integer"),
-        ({"bounces": np.nan}, "bounces must be an integer"),
+        ({"bounces": 0}, "bounces must be a whole number of at least 1"),
+        ({"bounces": 1.5}, "bounces must be a whole number"),
+        ({"bounces": np.nan}, "bounces must be a whole number"),
     ],
 )
 def test_bad_parameters(arguments: dict, message: str) -> None:
@@ -349,9 +349,9 @@ def test_bad_parameters(arguments: dict, message: str) -> None:
     [
         ({"eta": 0}, "eta must be positive and finite, because"),
         ({"k": -1}, "k must be finite and not negative, because"),
-        ({"coat_alpha": 1e-6}, "coat_alpha must be 0 or at least 0.0001"),
+        ({"coat_alpha": 1e-6}, "alpha must be positive and finite, at least 0.0001"),
         ({"coat_eta": 0.5}, "coat_eta must be from 1 to 100, because"),
-        ({"bounces": 0}, "bounces must be an integer, at least 1"),
+        ({"bounces": 0}, "bounces must be a whole number of at least 1"),
     ],
 )
 def test_bad_parameters_of_coated_metal(arguments: dict, message: str) -> None:

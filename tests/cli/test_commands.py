@@ -183,7 +183,7 @@ def test_bench_prints_a_table(scene, capsys):
         ("render SCENE -o a.exr --max-depth none", "max_depth must be a number"),
         ("render SCENE -o a.exr --max-depth many", "max-depth"),
         ("render SCENE -o a.exr --shading-samples 0", "shading_samples"),
-        ("render SCENE -o a.exr --compensation 1", "compensation must be in"),
+        ("render SCENE -o a.exr --compensation 1", "compensation must be a number from 0 to 1, but less than 1"),
         ("render SCENE -o a.exr --cluster -1", "the address of a Dask scheduler, HOST:PORT"),
         ("render SCENE -o a.exr --workers 2 --threads 2", "not allowed with"),
         ("compare SCENE -o a --threads 99999999999999", "--threads: must be a whole number from 1 to 1024"),

@@ -132,9 +132,9 @@ def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: f
         ("balance", {"preset": "thesis", "compensation": 0.5}, "preset thesis has compensation 0.0; got 0.5"),
         ("auto:compensation", {}, "needs a value, of type float: auto:compensation=..."),
         ("auto:compensation=much", {}, "compensation of rule auto must be of type float; got 'much'"),
-        ("auto:compensation=1", {}, r"compensation must be in \[0, 1\).*; got 1.0"),
-        ("balance", {"compensation": "0.5"}, r"compensation must be in \[0, 1\).*; got '0.5'"),
-        ("balance", {"compensation": float("nan")}, r"compensation must be in \[0, 1\).*; got nan"),
+        ("auto:compensation=1", {}, "compensation must be .* less than 1.*; got 1.0"),
+        ("balance", {"compensation": "0.5"}, "compensation must be .* less than 1.*; got '0.5'"),
+        ("balance", {"compensation": float("nan")}, "compensation must be .* less than 1.*; got nan"),
     ],
 )
 def test_conflicts_and_bad_values(rule: str, settings: dict[str, Any], message: str) -> None:

@@ -238,7 +238,7 @@ def test_frozen_renders(box: dmis.Scene) -> None:
         ("power-0", "exponent of the power heuristic must be positive"),
         ("power-inf", "exponent of the power heuristic must be positive and finite"),
         ("power--1", "exponent of the power heuristic must be positive"),
-        ("cutoff-2", "threshold of the cutoff heuristic must be in"),
+        ("cutoff-2", "threshold of the cutoff heuristic must be a number from 0 to 1"),
     ],
 )
 def test_unknown_heuristics(name: str, message: str) -> None:

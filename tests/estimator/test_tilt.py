@@ -159,11 +159,11 @@ def test_curves_predict_renders(integrator: str) -> None:
 def test_refusals() -> None:
     """Words that are none, and combiners other than balance, are refused before the first ray."""
     with pytest.raises(ValueError, match="weigh must be samples or heuristic; got 'heuristics'"):
-        dmis.make_rule("thesis:weigh=heuristics")
+        dmis.render(disk(), "thesis:weigh=heuristics", 8)
     message = "weigh=heuristic needs combiner balance; got power. Leave weigh out, or use balance"
     for rule in ("fixed:0.5,combiner=power,weigh=heuristic", "thesis:weigh=heuristic,combiner=power"):
         with pytest.raises(ValueError, match=message):
-            dmis.make_rule(rule)
+            dmis.render(disk(), rule, 8)
     with pytest.raises(ValueError, match=message):
         dmis.render(disk(), dmis.Given(0.5, weigh="heuristic"), 4, combiner="power")
     with pytest.raises(ValueError, match=message):

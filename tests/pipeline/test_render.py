@@ -337,8 +337,8 @@ def test_every_part_of_a_scene_is_in_its_hash(box):
         ({"shading_sample": 4}, r"got shading_sample, did you mean 'shading_samples'\?"),
         ({"rule": "auto", "spp": 32, "shading_samples": 3}, "even for rule auto,.*; got 3. Use 4, or rule thesis"),
         ({"rule": "auto", "spp": 32, "shading_samples": 1}, "even for rule auto,.*; got 1. Use 2, or rule thesis"),
-        ({"combiner": 3}, "combiner must be a name such as 'balance' or 'power'; got 3"),
-        ({"combiner": ["power"]}, r"combiner must be a name .*; got \['power'\]"),
+        ({"combiner": 3}, "combiner must be balance, .*; got '3'"),
+        ({"combiner": ["power"]}, r"combiner must be balance, .*; got .\['power'\]"),
         (
             {"progress": 5},
             r"progress must be a function progress\(stage, done, total\), True for a bar, or None; got 5",

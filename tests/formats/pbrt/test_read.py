@@ -791,7 +791,7 @@ BAD_WORLDS = [
     ('Texture "x" "color" "imagemap" "string mapping" "planar"', 1, "mapping must be uv"),
     ('Texture "x" "color" "imagemap" "string wrap" "mirror"', 1, "wrap must be repeat, black or clamp"),
     ('LightSource "goniometric"', 1, "a light must be point, spot, distant or infinite"),
-    ('LightSource "point" "color I" [-1 0 0]', 1, "intensity must be three finite non-negative"),
+    ('LightSource "point" "color I" [-1 0 0]', 1, "intensity must be finite, not negative"),
     ('LightSource "distant" "point to" [0 0 0]', 1, "direction must not be zero"),
     ('LightSource "spot" "float coneangle" 300', 1, "outer <= 180 degrees"),
     ('Scale 1 2 1 LightSource "spot"', 1, "a spot light must not be stretched"),
