@@ -76,38 +76,6 @@ def divide(w, shading_samples: int, start: int, count: int, offset: Array, rng=N
     return allocate(shares, shading_samples, pixel, number, np.atleast_2d(offset), rng)
 
 
-@pytest.mark.parametrize("w", [0.0, 0.1, 0.25, 1 / 3, 0.5, 0.77, 1.0])
-@pytest.mark.parametrize("shading_samples", [1, 2, 3])
-def test_systematic_totals(w: float, shading_samples: int) -> None:
-    """Each camera sample gives 0 to S samples to the first technique; a pixel's total is ``n w`` within 1."""
-    pixels, spp = 500, 37
-    offset = np.random.default_rng(3).random(pixels)
-    first = divide(np.full(pixels, w), shading_samples, 0, spp, offset).first.reshape(spp, pixels)
-    assert first.min() >= 0 and first.max() <= shading_samples
-    n = spp * shading_samples
-    assert (np.abs(first.sum(axis=0) - n * w) < 1).all()
-
-
-def test_half_is_one_each() -> None:
-    """At w = 1/2 and S = 2 every camera sample has exactly one sample of each technique."""
-    offset = np.random.default_rng(4).random(1000)
-    assert divide(0.5, 2, 0, 8, offset).first == 1
-    assert (divide(np.full(1000, 0.5), 2, 0, 8, offset).first == 1).all()
-
-
-@pytest.mark.parametrize("w", [0.1, 0.25, 0.5, 0.9])
-def test_slots_have_probability_w(w: float) -> None:
-    """Over the offset, every slot goes to the first technique with probability w: what unbiasedness rests on.
-
-    With S = 1 a camera sample is a slot. A binomial count of 20000 against w, for each of 12 slots.
-    """
-    count = 20000
-    offset = np.random.default_rng(5).random(count)
-    first = divide(np.full(count, w), 1, 0, 12, offset).first.reshape(12, count)
-    z = (first.sum(axis=1) - count * w) / np.sqrt(count * w * (1 - w))
-    assert np.abs(z).max() < Z_LIMIT
-
-
 @pytest.mark.parametrize("w", [0.0, 0.25, 0.3, 0.5, 1.0])
 @pytest.mark.parametrize("shading_samples", [1, 2, 4])
 def test_a_number_is_the_same_as_a_map(w: float, shading_samples: int) -> None:
@@ -137,17 +105,6 @@ def test_counts_do_not_depend_on_track_sequence() -> None:
     np.testing.assert_array_equal(tracked.first, plain.first)
 
 
-def test_samples_before_is_a_running_total() -> None:
-    """`samples_before` is the running total of each technique, from 0, so that each takes its own sequence in order."""
-    offset, w = np.random.default_rng(9).random(20), np.random.default_rng(10).random(20)
-    counts = divide(w, 2, 0, 10, offset)
-    first = counts.first.reshape(10, 20).astype(int)
-    before = np.vstack([np.zeros((1, 20), int), np.cumsum(first, axis=0)[:-1]])
-    samples_before = counts.samples_before.reshape(2, 10, 20)
-    np.testing.assert_array_equal(samples_before[0], before)
-    np.testing.assert_array_equal(samples_before[1], 2 * np.arange(10)[:, None] - before)
-
-
 @pytest.mark.parametrize("w", [0.0, 0.25, 0.5, 1.0])
 @pytest.mark.parametrize("shading_samples", [1, 3])
 def test_random_allocation_is_binomial(w: float, shading_samples: int) -> None:
@@ -164,9 +121,14 @@ def test_random_allocation_is_binomial(w: float, shading_samples: int) -> None:
     assert chi2_p(observed, expected) > LEVEL
 
 
-# More than two techniques -------------------------------------------------------------------------------------------
+# Shares of any number of techniques ---------------------------------------------------------------------------------
 
 SHARES = [
+    (0.1, 0.9),
+    (1 / 3, 2 / 3),
+    (0.77, 0.23),
+    (0.0, 1.0),
+    (1.0, 0.0),
     (0.5, 0.3, 0.2),
     (1 / 3, 1 / 3, 1 / 3),
     (0.94, 0.03, 0.03),
@@ -194,8 +156,8 @@ def test_shares_of_all_techniques(weight: tuple[float, ...] | Array) -> None:
 
 
 @each_shares
-@pytest.mark.parametrize("shading_samples", [1, 2, 6])
-def test_totals_of_several_techniques(w: tuple[float, ...], shading_samples: int) -> None:
+@pytest.mark.parametrize("shading_samples", [1, 2, 3, 6])
+def test_totals_of_techniques(w: tuple[float, ...], shading_samples: int) -> None:
     """All samples are divided, none to a share of 0, and a pixel's totals are ``n w_k``, within 1 for the first, and
     within as many as there are roundings for the others; `samples_before` is the running total.
     """
@@ -214,7 +176,10 @@ def test_totals_of_several_techniques(w: tuple[float, ...], shading_samples: int
 @each_shares
 @pytest.mark.parametrize("random", [False, True])
 def test_slots_have_the_shares_as_probabilities(w: tuple[float, ...], random: bool) -> None:
-    """Every slot of 12 goes to technique k with probability w_k."""
+    """Over the offset, every slot of 12 goes to technique k with probability w_k: what unbiasedness rests on.
+
+    With S = 1 a camera sample is a slot.
+    """
     count = 20_000
     rng = np.random.default_rng(15)
     offset = rng.random((len(w) - 1, count))
@@ -229,6 +194,7 @@ def test_whole_shares_are_numbers() -> None:
     thirds = np.full((3, 1), np.float32(1 / 3))
     for n in (3, 6):
         assert divide(thirds, n, 0, 4, np.zeros((2, 5))).per_technique == (n // 3,) * 2
+    assert divide(0.5, 2, 0, 4, np.zeros(5)).per_technique == (1,)
     assert divide(np.array([[0.5], [0.25], [0.25]]), 4, 0, 4, np.zeros((2, 5))).per_technique == (2, 1)
     only_first = np.array([[1.0], [0.0], [0.0]])
     assert divide(only_first, 2, 0, 4, np.zeros((2, 5)), np.random.default_rng(1)).per_technique == (2, 0)

@@ -16,7 +16,7 @@ from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import PointLight
 from dmis.light.environment import EnvironmentLight
 from dmis.scene.groups import Part
-from dmis.testing.scenes import FLOOR, box_scene
+from dmis.testing.scenes import box_scene
 
 SHARES = (0.0, 0.25, 0.5, 1.0)
 BLACK = Material(())
@@ -288,12 +288,3 @@ def test_points_shaded_apart_or_together(points: int, monkeypatch: pytest.Monkey
     together = tile_of(scene, **options)[0]
     monkeypatch.setattr("dmis.estimator.batching.POINTS", points)
     np.testing.assert_allclose(tile_of(scene, **options)[0], together, rtol=1e-5)
-
-
-def test_floor_is_seen() -> None:
-    """The scenes here look at their floor: a test of the tests."""
-    scene = box_scene(fov=20)
-    origin = np.repeat(scene.camera.origin, 4, axis=1)
-    direction = scene.camera.rays(np.float32([0, 16, 0, 16]), np.float32([0, 0, 16, 16]))
-    assert (scene.intersector.closest(origin, direction).prim >= 0).all()
-    assert FLOOR.triangles == 2

@@ -1,7 +1,5 @@
 """MIS weights: heuristics and combiners."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from helpers import Z_LIMIT, pixel_shares, z_score
@@ -30,16 +28,6 @@ def weights(name: str, a: Array, b: Array) -> tuple[Array, Array]:
     """MIS weights of a sample with densities `a`, `b`, as the first and as the second technique's."""
     heuristic = combiner_by_name(name).heuristic
     return a.astype(float) * heuristic((a, b), 0), b.astype(float) * heuristic((a, b), 1)
-
-
-@each_heuristic
-def test_weights_sum_to_one(name: str) -> None:
-    """``W_first + W_second = 1`` on densities over twelve magnitudes, and for equal ones."""
-    a, b = 10 ** np.random.default_rng(1).uniform(-6, 6, (2, 1000)).astype(np.float32)
-    b[:100] = a[:100]
-    first, second = weights(name, a, b)
-    np.testing.assert_allclose(first + second, 1, rtol=1e-6)
-    assert (first >= 0).all() and (second >= 0).all()
 
 
 @each_heuristic
@@ -88,7 +76,8 @@ def test_weights_of_several_techniques_sum_to_one(name: str, techniques: int) ->
 def test_closed_forms() -> None:
     """Densities 3 and 1: 3/4, 9/10, all, and whoever is above the threshold."""
     a, b = np.float32([3]), np.float32([1])
-    for name, expected in (("balance", 0.75), ("power", 0.9), ("power-3", 27 / 28), ("maximum", 1), ("cutoff-0.5", 1)):
+    powers = ("balance", 0.75), ("power", 0.9), ("power-3", 27 / 28), ("power-0.5", 3**0.5 / (3**0.5 + 1))
+    for name, expected in (*powers, ("maximum", 1), ("cutoff-0.5", 1)):
         first, second = weights(name, a, b)
         np.testing.assert_allclose([first[0], second[0]], [expected, 1 - expected], atol=1e-6)
     np.testing.assert_allclose(weights("cutoff-0.2", a, b)[0], 0.75)
@@ -191,16 +180,6 @@ def test_the_bound_of_balance_is_one_of_non_negative_weights() -> None:
     assert balanced - variance_of(np.stack([w, 1 - w], axis=-2)).min() <= 0.5
 
 
-def test_the_pages_state_the_bound_with_its_condition() -> None:
-    """Theory and tutorial: the theorem's condition stands beside it, with the numbers of the test above."""
-    docs = Path(__file__).parents[2] / "docs"
-    theory, tutorial = (
-        " ".join((docs / name).read_text("utf-8").split()) for name in ("theory.md", "tutorials/3_mis.py")
-    )
-    assert "other *non-negative* weights for the same samples" in theory and "$0.694\\, I^2$" in theory
-    assert "Weights below 0 may gain more" in tutorial.replace("# ", "")
-
-
 @pytest.mark.parametrize("combiner", ["balance", "frozen"])
 @pytest.mark.parametrize("w", [0.05, 0.25, 0.7, 0.95])
 def test_planted_mean(combiner: str, w: float) -> None:
@@ -245,16 +224,6 @@ def test_unknown_heuristics(name: str, message: str) -> None:
     """Names that are not quite right, and numbers out of range, are errors."""
     with pytest.raises(ValueError, match=message):
         combiner_by_name(name)
-
-
-@pytest.mark.parametrize(
-    "name, exponent", [("balance", 1), ("frozen", 1), ("power", 2), ("power-3", 3), ("power-0.5", 0.5)]
-)
-def test_exponent(name: str, exponent: float) -> None:
-    """The heuristic with that exponent is the one of that name."""
-    a = [np.array([1.0, 0.2, 5.0]), np.array([1.0, 3.0, 0.5])]
-    weight = a[0] * combiner_by_name(name).heuristic(a, 0)
-    np.testing.assert_allclose(weight, a[0] ** exponent / (a[0] ** exponent + a[1] ** exponent), rtol=1e-6)
 
 
 # Combiners ----------------------------------------------------------------------------------------------------------

@@ -1,15 +1,12 @@
 """Weight rules: parabolas, degenerate patches, and the texts that name rules."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings
 from dmis.fit.fixed import Fixed
-from dmis.fit.registry import RULES, make_rule
+from dmis.fit.registry import make_rule
 from dmis.fit.round import Pilot
 from dmis.fit.rule import Rule
 from dmis.fit.thesis import STATUS, Thesis, parabola_minimum
@@ -281,11 +278,3 @@ def test_bad_texts(text: str, message: str) -> None:
     """Errors name the rule or option, what it allows, and the value."""
     with pytest.raises(ValueError, match=message):
         make_rule(text)
-
-
-def test_every_rule_can_be_made() -> None:
-    """All names but fixed work without options, and a rule's settings are the estimator's."""
-
-    for name in RULES:
-        rule: Any = make_rule("fixed:0.5" if name == "fixed" else name)
-        assert isinstance(Settings(**rule.settings), Settings)

@@ -26,21 +26,6 @@ def same(a, b):
     return all(np.array_equal(getattr(a, n), getattr(b, n)) for n in ("image", "weight", "variance", "samples"))
 
 
-@pytest.mark.parametrize("rule", RULES)
-def test_image_does_not_depend_on_threads(box, rule):
-    """One thread and three give the same bits, and count the same rays."""
-    one, three = (dmis.render(box, rule, 10, seed=2, parallel=n) for n in (1, 3))
-    assert same(one, three)
-    assert one.rays == three.rays
-
-
-def test_seed_changes_the_image(box):
-    """Another seed is another image; the same seed is the same one."""
-    first, again, other = (dmis.render(box, "balance", 4, seed=s).image for s in (1, 1, 2))
-    assert np.array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 @pytest.mark.parametrize("spp", [1, 2, 7, 8, 31, 33, 100])
 def test_tiles_cover_every_pixel_once(spp):
     """For every number of samples, at a resolution that no tile size divides."""
@@ -272,11 +257,6 @@ def test_learning_does_not_change_the_mean(box, balanced, rule):
     error = np.hypot(means.std(ddof=1) / np.sqrt(24), error_of_truth)
     assert abs(means.mean() - truth) < Z_LIMIT * error
     assert error < 0.01 * truth
-
-
-def test_one_sample_has_no_variance(box):
-    """A variance needs two samples; one gives NaN, not zero."""
-    assert np.isnan(dmis.render(box, "balance", 1).variance).all()
 
 
 def test_progress_reaches_the_end(box):

@@ -122,18 +122,6 @@ def test_two_draws_fill_four_dimensions(kind: str, keys: tuple[object, object]) 
         assert error < 1.6 / (3 * np.sqrt(n))  # of 40 pixels: 1 +- 0.11
 
 
-@pytest.mark.parametrize("spp", [2, 4, 8, 16, 64])
-@pytest.mark.parametrize("key", ["camera", (0, 0, 0)])
-def test_sobol_fills_every_elementary_interval(spp: int, key: object) -> None:
-    """2^k points have exactly one in each rectangle of 2^-a by 2^-(k-a): a (0, 2)-sequence, scrambled or not."""
-    u = numbers("sobol", spp=spp, pixels=5, key=key)
-    bits = spp.bit_length() - 1
-    for a in range(bits + 1):
-        cell = (u[0] * 2**a).astype(int) * 2 ** (bits - a) + (u[1] * 2 ** (bits - a)).astype(int)
-        for pixel in range(5):
-            np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(spp))
-
-
 @pytest.mark.parametrize("spp", [4, 16, 49])
 @pytest.mark.parametrize("key", ["camera", (0, 0, 0)])
 def test_stratified_fills_the_grid(spp: int, key: object) -> None:
@@ -174,16 +162,6 @@ def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
         np.testing.assert_array_equal(parts_, whole)
     else:
         np.testing.assert_array_equal((parts_ * 4).astype(int), (whole * 4).astype(int))
-
-
-@pytest.mark.parametrize("n", [4, 16, 32])
-def test_pixels_that_stop_early(n: int) -> None:
-    """The first 2^k of many more points are as even as all: one in each cell, whatever the order of the key."""
-    u = numbers("sobol", spp=100, pixels=5, key=(0, 0, 0))[:, :n]
-    for a in range(n.bit_length()):
-        cell = (u[0] * 2**a).astype(int) * (n >> a) + (u[1] * (n >> a)).astype(int)
-        for pixel in range(5):
-            np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(n))
 
 
 def test_index_and_number_pick_points() -> None:
