@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.brdf.texture import Image
+from dmis.brdf.texture import image_of_data
 
 
 class Relief(Protocol):
@@ -33,15 +33,18 @@ class BumpMap:
     Parameters
     ----------
     image
-        One channel.
+        An `Image` of one channel, or the path of an image file, whose numbers are heights.
     unit_tangents
         Of smooth meshes in pbrt. True: both tangents have length 1 and point backwards, as in v2 and v3, so that
         heights turn normals the other way. False: the second is n x dp/du, as in v4. None: dp/du and dp/dv stay, as on
         spheres and cylinders of all versions.
     """
 
-    image: Image
+    image: Any
     unit_tangents: bool | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image", image_of_data("image of a bump map", self.image))
 
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
         """See `Relief.normals`; slopes are differences over a texel."""
@@ -63,16 +66,19 @@ class NormalMap:
     Parameters
     ----------
     image
-        Three channels in [0, 1], linear.
+        An `Image` of three channels in [0, 1], or the path of an image file, which is not decoded from sRGB.
     strength
         Factor of the first two components.
     towards_dpdv
         Whether the second axis is on the side of dp/dv, as in glTF; else it is n x dp/du, as in pbrt-v4.
     """
 
-    image: Image
+    image: Any
     strength: float = 1.0
     towards_dpdv: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image", image_of_data("image of a normal map", self.image))
 
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
         """See `Relief.normals`."""

@@ -153,6 +153,15 @@ def halved(texels: Array) -> Array:
     return np.diff(sums + (edges - below)[:, None, None] * texels[below], axis=0) / edges[1]
 
 
+def image_of_data(name: str, value: Any) -> Image:
+    """Return an image, that of a file whose numbers are no colours if `value` is its path; refuse others by `name`."""
+    if isinstance(value, str | os.PathLike):
+        return Image(load_image(value, linear=True)[::-1])
+    if not isinstance(value, Image):
+        raise ValueError(f"{name} must be an Image, or the path of an image file; got {value!r}")
+    return value
+
+
 Parameter = float | tuple[float, ...] | Array | Image
 """What a lobe's parameter may be in a scene description."""
 

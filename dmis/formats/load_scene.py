@@ -153,11 +153,13 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
 
 
 def read_file(path: Path, outside: bool, bare: bool) -> Model:
-    """Return the contents of a mesh file; `bare`: without OBJ materials and without notes on other materials."""
+    """Return the contents of a mesh file; `bare`: without notes on its materials."""
     model = Model(path, outside)
-    if path.suffix.lower() == ".obj" and not bare:
+    if path.suffix.lower() == ".obj":
         with reading(path) as data:
             read_obj_with_materials(data, model)
+        if bare:
+            model.unread.clear()
     elif path.suffix.lower() in (".glb", ".gltf"):
         with reading(path) as data:
             read_gltf(Gltf(path, data, outside), model, bare)

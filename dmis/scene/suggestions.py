@@ -59,9 +59,7 @@ class Suggestions:
 
     def describe(self) -> str:
         """Return lines for ``python -m dmis info``."""
-        source = "set by the scene: its file, or the dialect's default"
-        if self.integrator is None:
-            source = "the default, because the scene names none"
+        source = "the scene's" if self.integrator else "the default, because the scene names none"
         depth = self.max_depth or DEFAULT_DEPTH
         text = f"  integrator: {self.integrator or DEFAULT_INTEGRATOR}, max_depth {depth}, {source}"
         samples = [f"sampler {self.sampler}"] if self.sampler else []

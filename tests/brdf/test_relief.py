@@ -9,6 +9,7 @@ import dmis
 from dmis.brdf.relief import BumpMap, NormalMap
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
+from dmis.image import encode_png
 from dmis.intersect import Hits
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.scene.groups import Part
@@ -133,3 +134,14 @@ def test_relief_is_part_of_fingerprints():
     for relief in (None, BumpMap(HEIGHTS), BumpMap(HEIGHTS, True), NormalMap(HEIGHTS), NormalMap(HEIGHTS, 0.5)):
         prints.add(fingerprint(box_scene(replace(dmis.matte(), relief=relief))))
     assert len(prints) == 5
+
+
+def test_images_from_files_are_data(tmp_path):
+    """Numbers of a file are not decoded from sRGB, its first row is the top; what is no image is refused by name."""
+    pytest.importorskip("OpenImageIO")
+    pixels = np.random.default_rng(3).integers(0, 256, (2, 3, 3)).astype(np.uint8)
+    (tmp_path / "n.png").write_bytes(encode_png(pixels))
+    for relief in (NormalMap(tmp_path / "n.png"), BumpMap(str(tmp_path / "n.png"))):
+        np.testing.assert_allclose(relief.image.texels, pixels[::-1] / 255, atol=1e-6)
+    with pytest.raises(ValueError, match=r"image of a bump map must be an Image, or the path of an image file; got 3"):
+        BumpMap(3)

@@ -155,3 +155,13 @@ def test_files_outside_of_the_folder(load, tmp_path):
         with pytest.raises(ValueError, match=r"is outside of the folder .* allowed .outside=True, --allow-outside"):
             dmis.load_scene(model / "a.obj")
         assert dmis.load_scene(model / "a.obj", outside=True).parts[0].material.name == "a"
+
+
+def test_masks_and_lamps_stay_under_another_material(load, tmp_path):
+    """As in glTF files: one material for all replaces reflection alone, and nothing is said of what it replaces."""
+    values = np.random.default_rng(1).random((3, 3, 3)).astype(np.float32)
+    write_exr(tmp_path / "leaf.exr", {"RGB": values})
+    mtl = "newmtl a\nKd 1\nmap_d leaf.exr\nsharpness 3\nnewmtl b\nKe 1\n"
+    scene = load(mtl, f"usemtl a\n{FACE}usemtl b\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 5 6 7\n", material=dmis.matte(0.3))
+    assert [part.mask is not None for part in scene.parts] == [True, False]
+    assert [part.light is not None for part in scene.parts] == [False, True]

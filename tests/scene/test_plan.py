@@ -379,7 +379,7 @@ def test_default_integrator() -> None:
     assert "integrator: direct, max_depth 5, the default, because the scene names none" in closed.describe()
     assert "bounce 1" not in dmis.render(closed, "balance", 2, parallel=1).rays
     paths = replace(closed, suggested=Suggestions("path", 3))
-    assert "integrator: path, max_depth 3, set by the scene" in paths.describe()
+    assert "integrator: path, max_depth 3, the scene's" in paths.describe()
     result = dmis.render(paths, "balance", 2, parallel=1)
     assert result.provenance["settings"]["integrator"] == "path" and result.rays["bounce 2"] > 0
     assert "bounce 3" not in result.rays
