@@ -6,7 +6,10 @@ have been to fail at the first run. It is 1 % for all statistical tests of the s
 
 from __future__ import annotations
 
+import json
 import linecache
+import runpy
+import struct
 import subprocess
 import sys
 from collections import Counter
@@ -14,6 +17,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +27,7 @@ import scipy.stats
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import TECHNIQUES
+from dmis.experiment.runs import Run
 from dmis.fit.registry import RULES
 from dmis.fit.round import Round
 from dmis.formats.load_scene import SHIPPED, load_scene
@@ -53,6 +59,11 @@ def run_cell(code: str, name: str, namespace: dict[str, Any]) -> None:
     exec(compile(code, name, "exec", dont_inherit=True), namespace)
 
 
+def script(path: str) -> SimpleNamespace:
+    """Return the names of a script of the repository, such as ``benchmarks/count_lines.py``."""
+    return SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / path)))
+
+
 def fresh_python(code: str) -> str:
     """Return the output of a new Python process that runs `code`."""
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -76,6 +87,21 @@ def grid_uniforms(side: int, dtype: type = np.float64, low: float = 0.03, high: 
     """A regular grid in the unit square, away from its edges, ``(2, side**2)``."""
     line = np.linspace(low, high, side)
     return np.stack(np.meshgrid(line, line, indexing="ij")).reshape(2, -1).astype(dtype)
+
+
+def glb(document: Any, body: bytes = b"") -> bytes:
+    """Return a GLB file of a description and a buffer, whose length is a multiple of 4."""
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    if body:
+        chunks += struct.pack("<I4s", len(body), b"BIN\0") + body
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def run(rule: str, spp: int, seed: int, seconds: float, mse: float, overhead: float = 0.0) -> Run:
+    """Record of a render that was never made, of two CPU seconds for each second and a relMSE of a tenth of the MSE."""
+    return Run(rule, spp, seed, 100 * spp, overhead, 0.0, seconds - overhead, mse, 0.1 * mse, mse, 2 * seconds)
 
 
 def pickled(value: Any) -> Any:

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+
+from helpers import script
 
 ROOT = Path(__file__).parent.parent
 SCRIPT = ROOT / "benchmarks" / "count_lines.py"
-
-
-def load() -> Any:
-    """The script as a module."""
-    spec = importlib.util.spec_from_file_location("count_lines", SCRIPT)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_reading_path_is_what_a_render_calls() -> None:
@@ -33,7 +24,7 @@ def test_reading_path_is_what_a_render_calls() -> None:
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
-    path = load().reading_path()
+    path = script("benchmarks/count_lines.py").reading_path()
     *table, sentence = done.stdout.splitlines()
     page = (ROOT / "docs" / "code.md").read_text("utf-8")
     assert f"\n{sentence}\n" in page, "run python benchmarks/count_lines.py --write"

@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from equal_time import equal_time_ratio
-
-from dmis.experiment.runs import Run
-
-
-def run(rule: str, spp: int, seed: int, seconds: float, mse: float, overhead: float = 0.0) -> Run:
-    return Run(rule, spp, seed, 100 * spp, overhead, 0.0, seconds - overhead, mse, 0.1 * mse, mse, 2 * seconds)
+from helpers import run
 
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 20.0])

@@ -1,12 +1,12 @@
 """The table of README is put together from the tables of three other pages."""
 
-import runpy
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
+from helpers import script
 
 ROOT = Path(__file__).parent.parent
+front = script("benchmarks/front_table.py")
 MITSUBA = """<!-- mitsuba-errors: begin -->
 | scene | Mitsuba's best | `balance`, sobol | {column} |
 |---|---|---|---|
@@ -35,13 +35,8 @@ Made today.
 """
 
 
-@pytest.fixture
-def front() -> SimpleNamespace:
-    return SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "front_table.py")))
-
-
 @pytest.mark.parametrize("column, best", [("`auto`, sobol", "0.6 ± 0.1"), ("ratio", "–")])
-def test_rows(front, tmp_path, column, best):
+def test_rows(tmp_path, column, best):
     """The ratios of auto at 128 samples, and over the last of Mitsuba's lines; a dash where none was measured."""
     pages = [tmp_path / name for name in ("steps.md", "points.md", "mitsuba.md")]
     for page, text in zip(pages, (STEPS, POINTS, MITSUBA.format(column=column)), strict=True):
@@ -52,7 +47,7 @@ def test_rows(front, tmp_path, column, best):
     ]
 
 
-def test_a_column_for_each_measure(front, tmp_path):
+def test_a_column_for_each_measure(tmp_path):
     """Where the pages have both; a page that has none by relMSE has MSE in its old column."""
     steps = STEPS.replace("all three", "all three, relMSE | all three, MSE").replace("0.1 ± 0.0**", "0.2 ± 0.0** | 0.1")
     points = POINTS.replace("128 spp", "128 spp, relMSE | 128 spp, MSE").replace("| 8 |", "| 8 | 8 |")
@@ -67,6 +62,6 @@ def test_a_column_for_each_measure(front, tmp_path):
     assert room == "| room, held out | 0.5 | 0.3 | 0.9 | 0.4 | – | – |"
 
 
-def test_readme_has_the_table_of_the_pages(front):
+def test_readme_has_the_table_of_the_pages():
     """README shows what these pages show now."""
     assert "\n".join(front.front_rows()) in (ROOT / "README.md").read_text("utf-8")

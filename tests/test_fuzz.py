@@ -5,7 +5,6 @@ processes whose time and memory are limited.
 """
 
 import io
-import json
 import struct
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import fuzz
 import numpy as np
 import pytest
 import trimesh
+from helpers import glb
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -143,13 +143,6 @@ def test_meshes_too_far_away(tmp_path):
             dmis.PointLight((x, 0, 0), (1, 1, 1))
         with pytest.raises(ValueError, match=r"to_world must not have elements above 1e\+18"):
             dmis.Camera(np.diag([1, 1, x, 1]), 40, (4, 4))
-
-
-def glb(document):
-    """A GLB file of `document` alone."""
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), 0x4E4F534A) + text
 
 
 NODE = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}

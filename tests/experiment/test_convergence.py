@@ -5,14 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import run
 
 import dmis
 from dmis.experiment.convergence import error_times, gains, interpolate_log_log, line
-from dmis.experiment.runs import PINNED, Run, measure
-
-
-def run(rule: str, spp: int, seed: int, seconds: float, mse: float, overhead: float = 0.0) -> Run:
-    return Run(rule, spp, seed, 100 * spp, overhead, 0.0, seconds - overhead, mse, 0.1 * mse, mse, 2 * seconds)
+from dmis.experiment.runs import PINNED, measure
 
 
 @pytest.fixture

@@ -4,15 +4,12 @@ import base64
 import io
 import json
 import re
-import runpy
-import struct
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, glb, script
 from PIL import Image as PIL
 
 import dmis
@@ -25,7 +22,7 @@ from dmis.image_reader import IMAGE_SUFFIXES
 from dmis.scene.scene import SceneWarning
 
 pytest.importorskip("OpenImageIO")
-room = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "scenes" / "make_room.py")))
+room = script("scenes/make_room.py")
 
 CORNERS = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], np.float32)
 FACES = np.array([0, 1, 2, 0, 2, 3])
@@ -88,11 +85,7 @@ class File:
             uri = f"data:application/octet-stream;base64,{base64.b64encode(self.body).decode()}"
             path.write_text(json.dumps({"buffers": [{"byteLength": len(self.body), "uri": uri}], **document}))
             return path
-        text = json.dumps({"buffers": [{"byteLength": len(self.body)}], **document}).encode()
-        text += b" " * (-len(text) % 4)
-        head = b"glTF" + struct.pack("<II", 2, 28 + len(text) + len(self.body))
-        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(self.body), b"BIN\0")
-        path.write_bytes(head + chunks + self.body)
+        path.write_bytes(glb({"buffers": [{"byteLength": len(self.body)}], **document}, self.body))
         return path
 
     def load(self, tmp_path, name="a.glb", **options):

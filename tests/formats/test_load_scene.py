@@ -2,13 +2,12 @@
 
 import json
 import pickle
-import struct
 import warnings
 
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, z_score
+from helpers import Z_LIMIT, glb, z_score
 
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
@@ -269,15 +268,11 @@ def test_triangles_without_area_are_left_out(tmp_path) -> None:
 # What is not read, or not as it may be meant
 
 
-def glb(path, **more):
+def box_glb(path, **more):
     """A box in a GLB file, with other entries of glTF."""
     data = trimesh.Scene(BOX).export(file_type="glb")
     length = int.from_bytes(data[12:16], "little")
-    parts = {**json.loads(data[20 : 20 + length]), **more}
-    text = json.dumps(parts).encode()
-    text += b" " * (-len(text) % 4)
-    head = b"glTF" + struct.pack("<III", 2, len(data) + len(text) - length, len(text)) + b"JSON"
-    path.write_bytes(head + text + data[20 + length :])
+    path.write_bytes(glb({**json.loads(data[20 : 20 + length]), **more}, data[28 + length :]))
     return path
 
 
@@ -295,7 +290,7 @@ def unread_files(folder):
     head += ["property list uchar int vertex_indices", "end_header", "0 0 0", "1 0 0", "0 1 0", "3 0 1 2", ""]
     (folder / "grain.ply").write_text("\n".join(head))
     return {
-        glb(folder / "moved.glb", animations=[{}, {}], extensionsUsed=["KHR_materials_sheen"]): (
+        box_glb(folder / "moved.glb", animations=[{}, {}], extensionsUsed=["KHR_materials_sheen"]): (
             "animation (2), extension KHR_materials_sheen"
         ),
         folder / "two.obj": "material 'wood' without a definition, material 'glass' without a definition",

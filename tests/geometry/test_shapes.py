@@ -1,16 +1,13 @@
 """Meshes: subdivision against what is known of its limit, tessellations against exact normals, files, faults."""
 
-import importlib.util
 import io
-import json
 import pickle
 import re
-import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from helpers import glb, script
 
 from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
@@ -336,11 +333,7 @@ def test_bezier_poles(make_teapot, collapsed):
 
 @pytest.fixture(scope="module")
 def make_teapot():
-    path = Path(__file__).parents[2] / "scenes" / "make_teapot.py"
-    spec = importlib.util.spec_from_file_location("make_teapot", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("scenes/make_teapot.py")
 
 
 def test_teapot_is_closed_where_newell_closed_it(make_teapot):
@@ -449,14 +442,6 @@ def test_file_round_trip(tmp_path, suffix, smooth):
         np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=1e-6)  # welded: radial by symmetry
     else:
         np.testing.assert_allclose(mesh.normals, normals, atol=1e-6)
-
-
-def test_uv_from_a_file(tmp_path):
-    path = tmp_path / "quad.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n")
-    mesh = load_mesh(path)
-    assert mesh.triangles == 2
-    np.testing.assert_allclose(mesh.uv[mesh.faces], mesh.vertices[mesh.faces][..., :2])
 
 
 def test_scene_graph_is_applied():
@@ -569,11 +554,8 @@ def test_bad_files(tmp_path, name, content, message):
 
 def test_compressed_glb_is_refused(tmp_path):
     """trimesh without a decoder fills its arrays with zeros."""
-    description = json.dumps({"extensionsRequired": ["KHR_draco_mesh_compression"], "accessors": []}).encode()
     path = tmp_path / "a.glb"
-    path.write_bytes(
-        b"glTF" + struct.pack("<IIII", 2, 20 + len(description), len(description), 0x4E4F534A) + description
-    )
+    path.write_bytes(glb({"extensionsRequired": ["KHR_draco_mesh_compression"], "accessors": []}))
     with pytest.raises(ValueError, match=r"compressed \(KHR_draco_mesh_compression\), .*; export it uncompressed"):
         load_mesh(path)
 

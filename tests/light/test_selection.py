@@ -1,15 +1,12 @@
 """Many lights as one: the composite against its densities, against its lights, and renders against brute force."""
 
-import runpy
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, Z_LIMIT
+from helpers import LEVEL, Z_LIMIT, script
 
 import dmis
 from dmis.base.vectors import Array
@@ -218,7 +215,7 @@ def test_tree_prefers_what_is_near_and_faces_the_point() -> None:
     assert (piece < 4).all() and not nothing.any() and ((rest >= 0) & (rest < 1)).all()
 
 
-SCENES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "scenes" / "make_many_lights.py")))
+SCENES = script("scenes/make_many_lights.py")
 
 
 def test_plan_decides_by_the_number_of_lights() -> None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 from typing import Any
 
+import helpers
 import numpy as np
 import pytest
-from helpers import pixel_shares
+from helpers import pixel_shares, script
 
 import dmis
 from dmis.base.vectors import Array
@@ -49,26 +49,8 @@ GREY = Image(np.full((4, 4, 3), (0.5, 0.25, 0.125), np.float32))
 CHECKS = Image(np.indices((8, 8)).sum(axis=0)[..., None] % 2 * np.float32(0.8))
 
 
-def load_benchmark() -> Any:
-    """The script that adds unused features."""
-    path = Path(__file__).parents[2] / "benchmarks" / "unused_features.py"
-    spec = importlib.util.spec_from_file_location("unused_features", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-BENCHMARK = load_benchmark()
-
-
-def tile_of(scene: Scene, **settings: Any) -> tuple[Array, Counter[str]]:
-    width, height = scene.camera.resolution
-    tile = Tile(
-        1, 0, 0, (0, height), (0, width), Round(4, pixel_shares(0.5), Settings(**{"integrator": "direct", **settings}))
-    )
-    found = render_tile(scene, tile)
-    return found.mean, found.rays
+BENCHMARK = script("benchmarks/unused_features.py")
+tile_of = partial(helpers.tile_of, seed=1, spp=4, sampler="auto", integrator="direct")
 
 
 # What is not needed is not called -----------------------------------------------------------------------------------
