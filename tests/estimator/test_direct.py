@@ -193,18 +193,17 @@ def test_emission_is_one_sided(side: float, expected: tuple[float, float, float]
     np.testing.assert_array_equal(tile_of(scene)[0], np.broadcast_to(np.float32(expected), (16, 16, 3)))
 
 
-def test_nothing_arrives_from_behind_a_lamp() -> None:
-    """A floor on a lamp's dark side stays black, whichever technique looks for it."""
-    lamp = QuadLight((-1, -1, 1), (2, 0, 0), (0, 2, 0), (5, 5, 5))  # facing up
-    scene = box_scene(matte(0.5), (lamp,), eye=(0, -3, 0.5))
-    for w in SHARES:
-        assert not tile_of(scene, w=w)[0].any()
-
-
-def test_occluder_makes_shadow() -> None:
-    """A black sheet between lamp and floor leaves nothing."""
-    sheet = Part(quad((-4, -4, 1.0), (8, 0, 0), (0, 8, 0)), BLACK)
-    scene = box_scene(matte(0.5), (LAMP,), (sheet,), eye=(0, -3, 0.5))
+@pytest.mark.parametrize(
+    "lamp, parts",
+    [
+        (QuadLight((-1, -1, 1), (2, 0, 0), (0, 2, 0), (5, 5, 5)), ()),  # facing up
+        (LAMP, (Part(quad((-4, -4, 1.0), (8, 0, 0), (0, 8, 0)), BLACK),)),
+    ],
+    ids=["dark side", "occluder"],
+)
+def test_nothing_arrives(lamp: QuadLight, parts: tuple[Part, ...]) -> None:
+    """A floor on a lamp's dark side, or below a black sheet, stays black, whichever technique looks for the lamp."""
+    scene = box_scene(matte(0.5), (lamp,), parts, eye=(0, -3, 0.5))
     for w in SHARES:
         assert not tile_of(scene, w=w)[0].any()
 

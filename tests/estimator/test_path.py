@@ -275,5 +275,3 @@ def test_unbounded_paths_are_for_paths() -> None:
     """Mirrors that face each other would never end."""
     with pytest.raises(ValueError, match="max_depth must be a number with integrator direct"):
         Settings(max_depth=None)
-    with pytest.raises(ValueError, match="integrator must be auto or direct or path"):
-        Settings(integrator="photon")

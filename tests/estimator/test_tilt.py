@@ -111,18 +111,6 @@ def test_rounds_of_an_area_keep_their_tilt() -> None:
     assert replace(round_, tilt=np.ones((2, 6, 8), np.float32)).in_row_order().tilt.shape == (2, 1)
 
 
-def test_images_do_not_depend_on_the_executor(tmp_path) -> None:
-    """Threads, processes and a resumed checkpoint give the same bits; a checkpoint of another rule is refused."""
-    scene, rule, options = shared_scene("tt", (80, 44)), "thesis:weigh=heuristic", {"seed": 3, "sampler": "sobol"}
-    image = dmis.render(scene, rule, 16, parallel=1, **options).image
-    np.testing.assert_array_equal(dmis.render(scene, rule, 16, parallel=2, **options).image, image)
-    np.testing.assert_array_equal(dmis.render(scene, rule, 16, parallel=dmis.Processes(2), **options).image, image)
-    for _ in range(2):
-        np.testing.assert_array_equal(dmis.render(scene, rule, 16, checkpoint=tmp_path / "a", **options).image, image)
-    with pytest.raises(ValueError, match="different image"):
-        dmis.render(scene, "thesis", 16, checkpoint=tmp_path / "a", **options)
-
-
 def test_curves_of_a_disk() -> None:
     """From samples of the balance heuristic, the curves have the closed form at every w, also of several pairs."""
     for pairs in (1, 3):

@@ -7,17 +7,8 @@ import pytest
 from helpers import Z_LIMIT, z_score
 
 import dmis
-from dmis.brdf.materials import plastic
-from dmis.light.area import DiskLight
-from dmis.testing.scenes import box_scene
 
 WIDTH, HEIGHT = 32, 24
-
-
-@pytest.fixture(scope="module")
-def box() -> dmis.Scene:
-    lamp = DiskLight((0, 2.5, 2.5), (0, -1, -1), 0.5, (5.0,) * 3)
-    return box_scene(plastic(0.4, 0.2, 0.05), (lamp,), (), (WIDTH, HEIGHT))
 
 
 @pytest.mark.parametrize("w", [0.0, 0.3, 1.0])

@@ -9,23 +9,15 @@ import pytest
 from helpers import run_cell
 
 import dmis
-from dmis.brdf.materials import plastic
 from dmis.cli.commands import main
 from dmis.experiment.compare import compare, parse_rules
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.round import Pilot
 from dmis.fit.rule import rule_text
 from dmis.fit.thesis import Thesis
-from dmis.light.area import DiskLight
-from dmis.testing.scenes import box_scene
 from dmis.variance.moments import Moments
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def box() -> dmis.Scene:
-    return box_scene(plastic(0.4, 0.2, 0.05), (DiskLight((0, 2.5, 2.5), (0, -1, -1), 0.5, (5.0,) * 3),), (), (32, 24))
 
 
 class Constant(dmis.Rule):
@@ -86,6 +78,7 @@ def test_non_rules_are_refused(rule: Any, message: str) -> None:
     [
         ("pilot", None, r"pilot of rule .* must be a dict such as \{0.5: 2\}.*; got None. Or leave it out"),
         ("pilot", 2, "pilot of rule .* must be a dict .*; got 2"),
+        ("settings", {"sampling": "sobol"}, "must be fields of dmis.Settings; got 'sampling'"),
         ("settings", [1], r"settings of rule .* must be a dict .*; got \[1\]"),
     ],
 )
@@ -150,7 +143,9 @@ def test_a_conflict_names_rule_and_option(box: dmis.Scene, rule: Any, setting: d
         make_rule(advice.split('"')[1])
 
 
-@pytest.mark.parametrize("pilot", [{"a": 2}, {0.5: "2"}, {0.5: None}, {0.5: 2.5}, {(0.5, "b"): 2}, {float("nan"): 2}])
+@pytest.mark.parametrize(
+    "pilot", [{"a": 2}, {0.5: "2"}, {0.5: None}, {0.5: 2.5}, {(0.5, "b"): 2}, {2.0: 2}, {float("nan"): 2}]
+)
 def test_a_pilot_of_no_numbers_is_refused(box: dmis.Scene, pilot: dict[Any, Any]) -> None:
     rule = type("Mine", (Stubborn,), {"pilot": pilot})()
     with pytest.raises(

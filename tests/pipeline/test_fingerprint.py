@@ -20,6 +20,7 @@ from dmis.brdf.diffuse import Lambert
 from dmis.experiment.runs import Run
 from dmis.experiment.table import Results, conditions
 from dmis.fit.registry import RULES
+from dmis.geometry.shapes import quad
 from dmis.pipeline import tile
 from dmis.pipeline.fingerprint import digest, fingerprint
 from dmis.testing.scenes import box_scene
@@ -186,6 +187,27 @@ def test_key_does_not_depend_on_use(box):
     before = fingerprint(scene)
     dmis.render(scene, "balance", 2)
     assert fingerprint(scene) == before == fingerprint(pickled(scene)) == fingerprint(replace(scene, name="other"))
+
+
+def test_everything_that_is_seen_is_in_the_key(box):
+    """Lights, materials, camera, normals, texture coordinates, and which part is which lamp."""
+    floor, ball = box.parts
+    panel = quad((-1, -1, 3), (0, 2, 0), (2, 0, 0))
+    lamps = tuple(dmis.QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), (8, 8, 8)) for _ in range(2))
+    mesh = ball.mesh
+    uv = np.zeros((len(mesh.vertices), 2))
+    scenes = [
+        dmis.Scene(box.camera, (floor, dmis.Part(m, ball.material), dmis.Part(panel, dmis.matte(0), light)), lamps)
+        for m in (mesh, dmis.Mesh(mesh.vertices, mesh.faces), dmis.Mesh(mesh.vertices, mesh.faces, mesh.normals, uv))
+        for light in (None, *lamps)
+    ]
+    scenes += [
+        replace(box, lights=(*box.lights[:1], dmis.PointLight((3, -3, 3), (2, 2, 2.5)))),
+        replace(box, parts=(replace(floor, material=dmis.matte(0.6)), ball)),
+        replace(box, camera=replace(box.camera, fov=41)),
+        box,
+    ]
+    assert len({fingerprint(scene) for scene in scenes}) == len(scenes) == 13
 
 
 def test_shape_type_and_bytes_of_arrays():
