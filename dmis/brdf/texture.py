@@ -196,11 +196,7 @@ def scale(a: Parameter, b: Parameter) -> Parameter:
     """
     if isinstance(a, Image) and isinstance(b, Image):
         raise ValueError("the product of two image textures is not supported; bake it into one image")
-    if isinstance(b, Image):
-        a, b = b, a
-    if isinstance(a, Image):
-        return replace(a, texels=a.texels * np.asarray(b, np.float32))
-    return tuple(np.atleast_1d(np.asarray(a, float) * np.asarray(b, float)).tolist())
+    return combine(np.multiply, a, b)
 
 
 def combine(function: Callable[..., Array], *values: Parameter) -> Parameter:

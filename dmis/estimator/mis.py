@@ -99,23 +99,17 @@ class Combiner:
         Its name in options and tables.
     heuristic
         Weights the samples; variance curves are those of this heuristic.
-    has_curves
-        Whether those variance curves are its own.
-    two_techniques
-        Whether it needs two techniques.
-    exact_densities
-        Whether it needs techniques whose densities are known.
+    is_heuristic
+        Whether those variance curves are its own, for any number of techniques; otherwise it needs two.
     fits_pixels
-        Whether it fits all samples of each light in a pixel, which therefore have one share.
+        Whether it fits all samples of each light in a pixel, which therefore have one share and known densities.
     share_range
         Least and largest share of the first technique.
     """
 
     name: str
     heuristic: Heuristic = balance
-    has_curves: bool = True
-    two_techniques: bool = False
-    exact_densities: bool = False
+    is_heuristic: bool = True
     fits_pixels: bool = False
     share_range: tuple[float, float] = (0.0, 1.0)
 
@@ -150,8 +144,7 @@ class Frozen(Combiner):
     """
 
     name: str = "frozen"
-    has_curves: bool = False
-    two_techniques: bool = True
+    is_heuristic: bool = False
     share_range: tuple[float, float] = (0.05, 0.95)
 
     def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
@@ -164,9 +157,7 @@ class OptimalMIS(Combiner):
     """Balance, and a correction of each pixel by the optimal weights, see `dmis.estimator.optimal_mis`."""
 
     name: str = "optimal"
-    has_curves: bool = False
-    two_techniques: bool = True
-    exact_densities: bool = True
+    is_heuristic: bool = False
     fits_pixels: bool = True
 
     def collector(self, shares: Array, samples: Array) -> Collector:

@@ -13,7 +13,7 @@ where it leaves; so q takes it times eta^2 there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -89,7 +89,9 @@ def bounce(
         Whether only lights that a delta lobe shows still count.
     """
     n = len(surface.cos_o)
-    groups = _lobe_groups(surface)
+    groups: list[LobeGroup] = list(range(len(surface.delta)))
+    groups += ["reflection"] if surface.reflection else []
+    groups += ["transmission"] if surface.transmission else []
     if not groups:
         return None
     if len(groups) == 1:  # nothing to choose, nothing to put together
@@ -132,16 +134,6 @@ def _scaled(surface: ShadingPoints, direction: Array) -> Array | np.float32:
     return np.where(inside, np.float32(eta * eta), np.float32(1))
 
 
-def _lobe_groups(surface: ShadingPoints) -> list[LobeGroup]:
-    """Return the groups of lobes that can continue a path at the surface."""
-    groups: list[LobeGroup] = list(range(len(surface.delta)))
-    if surface.reflection:
-        groups.append("reflection")
-    if surface.transmission:
-        groups.append("transmission")
-    return groups
-
-
 def _follow(surface: ShadingPoints, group: LobeGroup, u: Array) -> tuple[Array, Array, Array]:
     """Return origins, directions and factors, each ``(3, N)``, of rays that a group of lobes sends on."""
     if isinstance(group, int):
@@ -181,8 +173,8 @@ def _reflected(surface: ShadingPoints, wi: Array) -> Array:
 
 def _choose(
     surface: ShadingPoints, groups: list[LobeGroup], n: int, rng: np.random.Generator
-) -> list[tuple[LobeGroup, Selection | None, Array | np.float32]]:
-    """Divide the points among the groups of lobes; returns each group with its points and its probability.
+) -> Iterator[tuple[LobeGroup, Selection | None, Array]]:
+    """Divide the points among the groups of lobes; yields each group with its points and its probability.
 
     Delta lobes are picked in proportion to the power that they reflect or transmit; the other lobes share the
     remainder to 1, and get at least a tenth. Of that, the share that a smooth surface would transmit goes to the lobes
@@ -203,10 +195,7 @@ def _choose(
     cumulative = np.cumsum(power, axis=0)
     total = np.maximum(cumulative[-1], np.float32(1e-30))
     chosen = np.minimum((cumulative <= rng.random(n, dtype=np.float32) * total).sum(axis=0), len(groups) - 1)
-    out: list[tuple[LobeGroup, Selection | None, Array | np.float32]] = []
     for k, group in enumerate(groups):
         index = indices(chosen == k)
         if index is None or len(index):
-            chance = np.maximum(take(power[k] / total, index), np.float32(1e-30))
-            out.append((group, index, chance))
-    return out
+            yield group, index, np.maximum(take(power[k] / total, index), np.float32(1e-30))

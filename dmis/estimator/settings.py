@@ -144,11 +144,11 @@ class Settings:
         without = [repr(name) for name in self.techniques if not technique_by_name(name).exact]
         for is_wrong, reason in (
             (
-                len(self.techniques) > 2 and combiner.two_techniques,
+                len(self.techniques) > 2 and not combiner.is_heuristic,
                 f"combiner {self.combiner} needs two techniques; got {len(self.techniques)}: {names}",
             ),
             (
-                combiner.exact_densities and without,
+                combiner.fits_pixels and without,
                 f"combiner {self.combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use "
                 f"combiner balance or power",
             ),

@@ -157,7 +157,7 @@ class Auto(OptionRule):
             number("exponent", self.exponent, 1, 3, "or 0 to choose it")
         number("guard", self.guard, 0, more="in standard errors")
         one_of("filter", self.filter, ("gaussian", "none", "joint"))
-        if not combiner_by_name(self.combiner).has_curves:
+        if not combiner_by_name(self.combiner).is_heuristic:
             raise ValueError(
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
                 f"got {self.combiner!r}. Use second-moment:combiner={self.combiner}"

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -108,7 +109,8 @@ class Thesis(OptionRule):
         """Return the weight of each pixel, from the pilot at each weight w_i."""
         w = np.array(list(pilot))
         # s^2 = sum (x - mean x)^2 / (n - 1) of each pixel
-        s2 = np.stack([self._grey(p.moments.variance()) for p in pilot.values()])
+        grey = luminance if self.channels == "luminance" else partial(np.mean, axis=-1)
+        s2 = np.stack([grey(p.moments.variance()) for p in pilot.values()])
         patch, maps = self.patch, {}
         if patch == "auto":
             patch, scores = choose_patch(w, s2, lambda y, area: self._weights(w, y, area)[0])
@@ -131,10 +133,6 @@ class Thesis(OptionRule):
         if self.no_signal == "skip":
             count = count * (status != 3)
         return gaussian(raw, self.sigma, self.size // 2, count), raw, status
-
-    def _grey(self, variance: Array) -> Array:
-        """Return the variance ``(H, W)`` that is fitted, from that of the channels."""
-        return luminance(variance) if self.channels == "luminance" else variance.mean(axis=-1)
 
 
 def parabola_minimum(w: Array, variance: Array) -> tuple[Array, np.ndarray]:

@@ -83,9 +83,6 @@ class DiskLight(AreaLight):
         centre, normal, s, t, radiance = self._data
         return Pieces.of(DISK, np.concatenate([centre, s, t, normal]), np.pi * self.radius**2, radiance)
 
-    def extent(self) -> float:
-        return float(self.radius)
-
     def mesh(self) -> Mesh:
         normal = np.asarray(self.normal, float) / np.linalg.norm(self.normal)
         matrix = transforms.translate(self.centre)
@@ -150,10 +147,6 @@ class QuadLight(AreaLight):
         corner, edge_u, edge_v, normal, area, radiance = self._data
         return Pieces.of(PARALLELOGRAM, np.concatenate([corner, edge_u, edge_v, normal]), area, radiance)
 
-    def extent(self) -> float:
-        """Return the root of the area."""
-        return float(np.sqrt(np.linalg.norm(np.cross(self.edge_u, self.edge_v))))
-
     def mesh(self) -> Mesh:
         return shapes.quad(self.corner, self.edge_u, self.edge_v)
 
@@ -195,9 +188,6 @@ class SphereLight(AreaLight):
         """Return what unit directions `wi` ``(3, N)`` from `p` see of the sphere."""
         centre, radiance = self._data
         return sphere_light_hit(wi, centre - p, np.float32(self.radius**2), radiance)
-
-    def extent(self) -> float:
-        return float(self.radius)
 
     def mesh(self) -> Mesh:
         return shapes.sphere(self.radius).transformed(transforms.translate(self.centre))

@@ -60,7 +60,7 @@ class Light(Protocol):
         return self.brightness(1.0) > 0
 
     def extent(self) -> float | None:
-        """Return the radius, or the root of the area, in units of the scene; None for lights without any."""
+        """Return the root of the area, or another length of its size, in units of the scene; None if there is none."""
         return None
 
     def rescaled(self, origin: Array, length: float, gain: float) -> Self:
@@ -161,6 +161,10 @@ class AreaLight(SampledLight, Protocol):
     def pieces(self) -> Pieces | None:
         """Return what the light consists of, so that it can be one of many; None: it is sampled by itself."""
         return None
+
+    def extent(self) -> float | None:
+        pieces = self.pieces()
+        return None if pieces is None else float(np.sqrt(pieces.area.sum()))
 
 
 class DeltaLight(Light, Protocol):

@@ -126,7 +126,11 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, s
     spp, seed = whole("spp", DEFAULT_SPP if spp is None else spp, 1, MAX_SPP), whole("seed", seed, 0)
     float32_scene, gain = scene.in_float32
     if not float32_scene.plan.has_light:
-        _warn_of_darkness(scene)
+        dark = (
+            f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add one, such as"
+        )
+        example = "dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
+        warn(SceneWarning(f"{dark} {example}"), stacklevel=3)
     rule = default_rule(spp, settings) if rule is None else rule
     text = rule_text(rule)
     rule = make_rule(rule)
@@ -208,10 +212,3 @@ def _check_statistic(rule: Rule, text: str, settings: Settings) -> None:
         if name != "shading_samples" and n % (techniques := len(settings.techniques)):
             raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
     pilot_settings(settings, paired=True)  # refuses too many shading samples
-
-
-def _warn_of_darkness(scene: Scene) -> None:
-    """Warn before a black image is rendered because no light of the scene emits."""
-    text = f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add one, such as"
-    example = "dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
-    warn(SceneWarning(f"{text} {example}"), stacklevel=4)

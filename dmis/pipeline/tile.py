@@ -159,7 +159,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
     rng, rays = stream(tile.seed, tile.pass_, tile.number), Counter[str]()
     timed = TimedCaster(caster or scene.intersector)
     observers = Observers(tile.round, tile.shape)
-    corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
+    covered = _covered_pixels(scene, tile)
+    y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
     for pixels, spp, shares, settings in tile.groups():
         sampler = tile.sampler(settings, scene.camera.resolution[0], rng)
         allocation = SampleAllocation(shares, tile.round.begin, tile.pixels, settings, rng, sampler)
@@ -176,7 +177,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
                 batch.subset_radiance = np.zeros((BLOCKS, 3, len(samples.pixel)), np.float32)
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))
-            values = radiance(batch, *_camera_rays(scene, sampler, corners, samples.pixel), may_see)
+            values = radiance(batch, *_camera_rays(scene, sampler, (x, y), samples.pixel), may_see)
             observers.add(blocks, samples, records, values, batch.subset_radiance)
     mean, root = _pixel_moments(observers.moments(), tile)
     sums, place = patch_sums(observers.statistic, tile.shape), (tile.pass_, tile.number, tile.rows, tile.columns)
@@ -191,16 +192,13 @@ def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
     return None if covered.all() else covered
 
 
-def _pixel_corners(tile: Tile) -> tuple[Array, Array]:
-    """Return the raster coordinates x and y of the top left corners of the pixels of a tile, ``(P,)`` float32 each."""
-    y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
-    return x, y
-
-
 def _camera_rays(
     scene: Scene, sampler: Sampler, corners: tuple[Array, Array], pixel: np.ndarray
 ) -> tuple[Array, Array]:
-    """Return origins and directions of camera rays through random points of pixels, ``(3, N)`` each."""
+    """Return origins and directions of camera rays through random points of pixels, ``(3, N)`` each.
+
+    `corners` are the raster coordinates x and y of the top left corners of the tile's pixels, ``(P,)`` float32 each.
+    """
     u = sampler.draw("camera", None)
     if scene.camera.filter is not None:
         u = scene.camera.filter.offsets(u)
