@@ -31,6 +31,7 @@ from dmis.experiment.runs import Run
 from dmis.fit.registry import RULES
 from dmis.fit.round import Round
 from dmis.formats.load_scene import SHIPPED, load_scene
+from dmis.intersect import Hits
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene
@@ -109,6 +110,23 @@ def pickled(value: Any) -> Any:
     import pickle
 
     return pickle.loads(pickle.dumps(value))
+
+
+class Watched:
+    """A caster that counts the rays of `closest` and their hits, and keeps the origins of occlusion queries."""
+
+    def __init__(self, caster: Any) -> None:
+        self._caster, self.rays, self.met, self.origins = caster, 0, 0, list[Array]()
+
+    def closest(self, origin: Array, direction: Array) -> Hits:
+        hits = self._caster.closest(origin, direction)
+        self.rays += len(hits.prim)
+        self.met += int((hits.prim >= 0).sum())
+        return hits
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        self.origins.append(origin.copy())
+        return self._caster.occluded(origin, direction, distance)
 
 
 def pixel_shares(w: Array | float) -> Array:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
+from dmis.formats.load_scene import light_part
 from dmis.samplers.streams import Independent
+from dmis.testing.scenes import box_scene
 
 PAGE = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8")
 
@@ -22,6 +25,13 @@ def block(heading: str) -> str:
     found = re.search(rf"^## {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
     assert found
     return found[1]
+
+
+def defined(heading: str) -> dict[str, Any]:
+    """Return the names that the first block below a heading defines, which runs without the others."""
+    names: dict[str, Any] = {"__name__": "page"}
+    exec(compile(block(heading), "extending.md", "exec", dont_inherit=True), names)
+    return names
 
 
 def same_mean(first: dmis.Result, second: dmis.Result) -> None:
@@ -120,3 +130,38 @@ def test_metric() -> None:
     exec(block("A metric"), names)
     assert {budget: len(values) for budget, values in names["errors"].items()} == {("balance", 8): 3, ("thesis", 8): 3}
     assert all(abs(value) < 0.1 * names["reference"].first.mean() for v in names["errors"].values() for value in v)
+
+
+# Lobes and lights
+
+
+def agree(scene: dmis.Scene) -> None:
+    """Light sampling, BRDF sampling and the balance heuristic have the same mean."""
+    settings = dmis.Settings(integrator="direct")
+
+    def means(rule: str, first: int) -> np.ndarray:
+        images = (dmis.render(scene, rule, 16, seed=s, settings=settings).image for s in range(first, first + 16))
+        return np.array([image.mean() for image in images])
+
+    light, brdf, both = means("fixed:0", 0), means("fixed:1", 100), means("balance", 200)
+    assert both.mean() > 0
+    assert abs(z_score(light, both)) < Z_LIMIT and abs(z_score(brdf, both)) < Z_LIMIT
+
+
+def test_lobe() -> None:
+    agree(box_scene(dmis.Material((defined("A lobe")["Dust"]((0.5, 0.4, 0.3)),))))
+
+
+def test_textured_light() -> None:
+    lamp = defined("A light")["Checks"](2.0)
+    agree(box_scene(lights=(lamp,), extra=(light_part(lamp),)))
+
+
+def test_camera_and_mirror_see_the_texture() -> None:
+    """The mirror shows the emission of the lamp times its colour, 8 or 1."""
+    lamp = defined("A light")["Checks"](2.0)
+    mirror = dmis.Material((defined("A delta lobe")["Tinted"]((1.0, 0.5, 0.25)),))
+    scene = box_scene(mirror, (lamp,), (light_part(lamp),), eye=(0, -1, 1), target=(0, -0.5, 0), fov=60.0)
+    image = dmis.render(scene, "balance", 4, settings=dmis.Settings(integrator="direct")).image
+    assert np.isclose(image.max(), 8) and image[..., 0].min() < 2
+    np.testing.assert_allclose(image[..., 2], image[..., 0] / 4, rtol=1e-5)

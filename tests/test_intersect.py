@@ -77,16 +77,6 @@ def test_distance_is_in_units_of_the_direction() -> None:
         assert not caster.occluded(origin, direction, np.float32([1.99]))[0]
 
 
-def test_arguments_are_not_changed() -> None:
-    """Embree writes into its distances: the caller's array is not that one."""
-    origin, direction = rays(10)
-    distance = np.full(10, 3, np.float32)
-    arrays = [a.copy() for a in (origin, direction, distance)]
-    Intersector(*soup()).occluded(origin, direction, distance)
-    for a, b in zip(arrays, (origin, direction, distance)):
-        np.testing.assert_array_equal(a, b)
-
-
 @pytest.mark.parametrize("count", [0, 1, 7])
 def test_few_rays(count: int) -> None:
     """No ray, one, and an odd number."""
@@ -161,4 +151,4 @@ def test_nothing_is_nearer_than_0() -> None:
     distance = np.array([-5, -0.5, 0, 0.5, 5], np.float32)
     for caster in (Intersector(corners, faces), BruteForce(corners, faces)):
         np.testing.assert_array_equal(caster.occluded(origin, down, distance), distance > 1)
-    assert distance[0] == -5  # nothing was written into it
+    assert distance.tolist() == [-5, -0.5, 0, 0.5, 5]  # nothing was written into it, although Embree writes distances

@@ -12,7 +12,6 @@ import time
 
 import numpy as np
 import pytest
-from helpers import fresh_python
 
 import dmis
 from dmis.cli import commands
@@ -121,13 +120,6 @@ def test_a_fallback_is_printed(scene, tmp_path, capsys):
     assert "thesis is left out at 4 samples per pixel, because its pilot takes 6: use --spp 7 or more" in printed.err
     if (tmp_path / "out" / "report.html").exists():
         assert "auto at 4, 8 spp: fewer than 16" in (tmp_path / "out" / "report.html").read_text("utf-8")
-
-
-def test_import_is_light():
-    """Libraries that take long to import are imported where they are used."""
-    code = "import sys, dmis; dmis.render; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
-    loaded = set(fresh_python(code).split())
-    assert "numpy" in loaded and not loaded & {"scipy", "matplotlib", "trimesh", "OpenEXR", "tqdm", "dask"}
 
 
 def test_the_library_prints_nothing(capfd, tmp_path):

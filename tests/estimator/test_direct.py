@@ -185,14 +185,6 @@ def test_glass_pane_conserves_what_passes() -> None:
     assert image.min() > 0.999
 
 
-@pytest.mark.parametrize("side, expected", [(-1.0, (3.0, 2.0, 1.0)), (1.0, (0.0, 0.0, 0.0))])
-def test_emission_is_one_sided(side: float, expected: tuple[float, float, float]) -> None:
-    """The lamp shines on the side of ``edge_u x edge_v``; its back is black."""
-    lamp = QuadLight((-2, 0, -2), (4, 0, 0), (0, 0, 4), (3, 2, 1))  # facing -y
-    scene = replace(box_scene(lights=(lamp,), eye=(0, 3 * side, 0), fov=10), parts=(lamp_part(lamp),))
-    np.testing.assert_array_equal(tile_of(scene)[0], np.broadcast_to(np.float32(expected), (16, 16, 3)))
-
-
 @pytest.mark.parametrize(
     "lamp, parts",
     [

@@ -1,7 +1,5 @@
 """The optimal combiner: exact where it must be, the balance heuristic where it cannot be fitted."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 import trimesh
@@ -11,7 +9,7 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.optimal_mis import MIN_SAMPLES_TO_FIT, Optimal
 from dmis.estimator.records import Record
-from dmis.fit.round import Fit, Round
+from dmis.fit.round import Round
 from dmis.geometry.shapes import quad
 from dmis.pipeline.tile import Tile, render_tile
 
@@ -155,22 +153,8 @@ def test_lights_that_hide_part_of_themselves() -> None:
 @pytest.mark.parametrize("w", [0.0, 1.0])
 def test_frozen_weights_are_never_at_the_ends(box: dmis.Scene, w: float) -> None:
     """Frozen, a technique counts with its part of f at any share: with none of the samples that part would be lost."""
-    found, expected = (dmis.render(box, rule, 256, seed=3) for rule in (Given(w, "frozen"), "balance"))
+    found = dmis.render(box, dmis.Given(w), 256, seed=3, combiner="frozen")
+    expected = dmis.render(box, "balance", 256, seed=3)
     assert (found.weight > 0).all() and (found.weight < 1).all()
     z = (found.image.mean() - expected.image.mean()) / np.sqrt((found.variance + expected.variance).sum())
     assert abs(z) * found.image.size / np.sqrt(3) < 4
-
-
-@dataclass(frozen=True)
-class Given(dmis.Rule):
-    """A rule of one's own that has no pilot."""
-
-    w: float
-    combiner: str
-
-    @property
-    def settings(self) -> dict:
-        return {"combiner": self.combiner}
-
-    def fit(self, pilot: dict) -> Fit:
-        return Fit(self.w)

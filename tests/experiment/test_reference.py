@@ -13,13 +13,9 @@ from dmis.pipeline.checkpoint import KEY, Store
 from dmis.testing.scenes import box_scene
 
 
-class Interrupted(BaseException):
-    """Stands for Ctrl-C."""
-
-
 def interrupt(*_: object) -> None:
     """Progress that stops a render after its first tile."""
-    raise Interrupted
+    raise KeyboardInterrupt
 
 
 def test_reference_is_made_once_and_kept(box, tmp_path, monkeypatch):
@@ -120,7 +116,7 @@ def test_an_interrupted_reference(box, tmp_path, monkeypatch, stale):
     with monkeypatch.context() as patch:
         if stale == "other package":
             patch.setattr("dmis.pipeline.job.package_hash", lambda: "another")
-        with pytest.raises(Interrupted):
+        with pytest.raises(KeyboardInterrupt):
             dmis.make_reference(large, 32, folder=tmp_path, parallel=1, progress=interrupt)
     checkpoint = next(tmp_path.glob("*.0.tiles"))
     if stale == "damaged":
@@ -141,7 +137,7 @@ def test_a_stale_checkpoint_of_an_oracle_is_discarded(box, tmp_path, monkeypatch
     """As with a reference."""
     with monkeypatch.context() as patch:
         patch.setattr("dmis.pipeline.job.package_hash", lambda: "another")
-        with pytest.raises(Interrupted):
+        with pytest.raises(KeyboardInterrupt):
             make_oracle(box, 16, folder=tmp_path, parallel=1, progress=interrupt)
     assert list(tmp_path.glob("*.0.tiles"))
     assert make_oracle(box, 16, folder=tmp_path).spp == 16

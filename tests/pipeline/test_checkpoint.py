@@ -52,10 +52,6 @@ def wide(box):
     return replace(box, camera=replace(box.camera, resolution=(160, 96)))
 
 
-class Interrupted(BaseException):
-    """Stands for Ctrl-C."""
-
-
 def interrupt(scene, file, after=9, **options):
     """Render until `after` tiles are finished."""
     tiles = []
@@ -63,9 +59,9 @@ def interrupt(scene, file, after=9, **options):
     def stop(*_):
         tiles.append(None)
         if len(tiles) == after:
-            raise Interrupted
+            raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted):
+    with pytest.raises(KeyboardInterrupt):
         dmis.render(scene, progress=stop, checkpoint=file, **{**OPTIONS, **options})
     return file
 

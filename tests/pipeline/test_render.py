@@ -296,6 +296,7 @@ def test_progress_reaches_the_end(box):
         ({"rule": "thesis:4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
         ({"shading_sample": 4}, r"got shading_sample, did you mean 'shading_samples'\?"),
         ({"rule": "auto", "spp": 32, "shading_samples": 3}, "even for rule auto,.*; got 3. Use 4, or rule thesis"),
+        ({"rule": "second-moment", "spp": 32, "shading_samples": 3}, "shading_samples must be even"),
         ({"rule": "auto", "spp": 32, "shading_samples": 1}, "even for rule auto,.*; got 1. Use 2, or rule thesis"),
         ({"combiner": 3}, "combiner must be balance, .*; got '3'"),
         ({"combiner": ["power"]}, r"combiner must be balance, .*; got .\['power'\]"),

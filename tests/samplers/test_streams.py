@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, mean_and_error, pixel_shares
+from helpers import LEVEL, Z_LIMIT, Watched, mean_and_error, pixel_shares
 from scipy.stats import kstest
 
 from dmis import render
@@ -178,20 +178,6 @@ def test_index_and_number_pick_points() -> None:
 # The technique pattern and the camera's sequence -------------------------------------------------------------------
 
 
-class _Watch:
-    """A caster that keeps the origins of occlusion queries."""
-
-    def __init__(self, caster: object) -> None:
-        self._caster, self.origins = caster, []
-
-    def closest(self, *args: Array) -> object:
-        return self._caster.closest(*args)
-
-    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
-        self.origins.append(origin.copy())
-        return self._caster.occluded(origin, direction, distance)
-
-
 @each_kind
 @pytest.mark.parametrize("w", [0.25, 0.5, 0.75])
 def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
@@ -206,7 +192,7 @@ def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
     settings = Settings(shading_samples=1, sampler=kind)
     sides = []
     for seed in range(16):
-        watch = _Watch(scene.intersector)
+        watch = Watched(scene.intersector)
         tile = Tile(seed, 0, 0, (0, 5), (0, 5), Round(16, pixel_shares(np.full(25, w)), settings))
         render_tile(scene, tile, watch)
         # the first query is the light technique's: it goes first

@@ -11,10 +11,9 @@ from typing import Any
 import helpers
 import numpy as np
 import pytest
-from helpers import pixel_shares, script
+from helpers import Watched, pixel_shares, script
 
 import dmis
-from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import BlendBase
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.materials import Material, matte, metal, mirror, plastic
@@ -227,22 +226,6 @@ def ball_scene(resolution: tuple[int, int] = (40, 30), **camera: Any) -> Scene:
     eye, target, fov = view["eye"], view["target"], view["fov"]
     ball = sphere(0.4, segments=32).transformed(translate((0, 0, 0.5)))
     return Scene(Camera.look_at(eye, target, fov=fov, resolution=resolution), (Part(ball, plastic()),), (LAMP,))
-
-
-class Watched:
-    """A caster that remembers the directions of camera rays."""
-
-    def __init__(self, caster: Any) -> None:
-        self._caster, self.rays, self.met = caster, 0, 0
-
-    def closest(self, origin: Array, direction: Array) -> Hits:
-        hits = self._caster.closest(origin, direction)
-        self.rays += len(hits.prim)
-        self.met += int((hits.prim >= 0).sum())
-        return hits
-
-    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
-        return self._caster.occluded(origin, direction, distance)
 
 
 def everything(scene: Scene) -> Scene:

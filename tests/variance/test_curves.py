@@ -129,12 +129,6 @@ def test_one_camera_sample_is_too_few() -> None:
         Curves(4, 4).add([], np.zeros((3, 4), np.float32), 1)
 
 
-def test_odd_shading_samples_are_refused(box: dmis.Scene) -> None:
-    """An odd number of shading samples is refused before anything is rendered."""
-    with pytest.raises(ValueError, match="shading_samples must be even"):
-        dmis.render(box, "second-moment", 16, settings=dmis.Settings(shading_samples=3))
-
-
 @pytest.mark.parametrize("w, combiner", [(0.08, "balance"), (0.27, "power")])
 def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> None:
     """The variance of images rendered at w, over many seeds, agrees with V(w) from pilots at w = 1/2.
