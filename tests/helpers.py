@@ -105,6 +105,12 @@ def run(rule: str, spp: int, seed: int, seconds: float, mse: float, overhead: fl
     return Run(rule, spp, seed, 100 * spp, overhead, 0.0, seconds - overhead, mse, 0.1 * mse, mse, 2 * seconds)
 
 
+def tga(*greys: int) -> bytes:
+    """Return a TGA file of one row of grey pixels."""
+    header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([len(greys), 0, 1, 0, 24, 0])
+    return header + bytes(np.repeat(np.uint8(greys), 3))
+
+
 def pickled(value: Any) -> Any:
     """`value` after a trip through pickle."""
     import pickle

@@ -75,7 +75,9 @@ class File:
         return self
 
     def texture(self, pixels, **more):
-        self.json["images"].append({"bufferView": self.view(encode_png(pixels)), "mimeType": "image/png"})
+        data = io.BytesIO()
+        PIL.fromarray(pixels).save(data, "PNG")
+        self.json["images"].append({"bufferView": self.view(data.getvalue()), "mimeType": "image/png"})
         self.json["textures"].append({"source": len(self.json["images"]) - 1, **more})
         return len(self.json["textures"]) - 1
 
@@ -394,10 +396,8 @@ def test_opacity(tmp_path):
 @pytest.mark.parametrize("cutoff, parts, masked", [(0, 1, False), (0.5, 1, True), (1.5, 0, False)])
 def test_cutoffs_of_all_and_of_nothing(tmp_path, cutoff, parts, masked):
     """A texel is there if its opacity is at least the cutoff: at 0 all are, above 1 none."""
-    file, data = File(), io.BytesIO()
-    surface = {"baseColorTexture": {"index": file.texture(PIXELS)}}
-    PIL.fromarray(np.concatenate([PIXELS, 0 * PIXELS[..., :1]], axis=2)).save(data, "PNG")
-    file.json["images"][0]["bufferView"] = file.view(data.getvalue())
+    file = File()
+    surface = {"baseColorTexture": {"index": file.texture(np.concatenate([PIXELS, 0 * PIXELS[..., :1]], axis=2))}}
     file.mesh({"pbrMetallicRoughness": surface, "alphaMode": "MASK", "alphaCutoff": cutoff}).mesh()
     loaded = file.load(tmp_path, lights=[]).parts
     assert len(loaded) == parts + 1 and any(part.mask is not None for part in loaded) == masked
@@ -415,10 +415,8 @@ def test_masks(tmp_path, mode, cutoff):
     """The opacity of the base colour, times its factor; none where it cuts nothing."""
     for alpha in (PIXELS[..., :1], np.full((4, 6, 1), 255, np.uint8)):
         file = File()
-        surface = {"baseColorFactor": [1, 1, 1, 0.8], "baseColorTexture": {"index": file.texture(PIXELS)}}
-        data = io.BytesIO()
-        PIL.fromarray(np.concatenate([PIXELS, alpha], axis=2)).save(data, "PNG")
-        file.json["images"][0]["bufferView"] = file.view(data.getvalue())
+        texture = file.texture(np.concatenate([PIXELS, alpha], axis=2))
+        surface = {"baseColorFactor": [1, 1, 1, 0.8], "baseColorTexture": {"index": texture}}
         file.mesh({"pbrMetallicRoughness": surface, "alphaMode": mode, "alphaCutoff": 0.25})
         mask = file.load(tmp_path).parts[0].mask
         if mode == "OPAQUE" or (mode == "MASK" and alpha.min() == 255):

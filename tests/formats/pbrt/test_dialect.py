@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from helpers import tga
 
 import dmis
 from dmis.base.color import LUMINANCE
@@ -675,24 +676,6 @@ def test_pixel_filters(read, dialect, line, expected):
     assert read(dialect, head=f'Film "{film}"\nIntegrator "path"\n{line}\n').camera.filter == expected
 
 
-@pytest.mark.parametrize(
-    "dialect, line, expected",
-    [
-        ("v3", "", ("path", 5)),
-        ("v3", 'Integrator "directlighting" "integer maxdepth" 7', ("direct", 7)),
-        ("v3", 'Integrator "path" "integer maxdepth" 1', ("path", 1)),
-        ("v3", 'Integrator "volpath" "integer maxdepth" 3', ("path", 3)),
-        ("v4", "", ("path", 5)),
-        ("v4", 'Integrator "path" "integer maxdepth" 9', ("path", 9)),
-    ],
-)
-def test_integrator_of_the_file(read, dialect, line, expected):
-    """maxdepth m of v3 and v4 is the number of surfaces that scatter light; of v2 it is one less."""
-    film = {"v3": 'Film "image"\n', "v4": 'Film "rgb"\nPixelFilter "box"\n'}[dialect]
-    scene = read(dialect, head=f"{film}{line}\n", force=True)
-    assert (scene.suggested.integrator, scene.suggested.max_depth) == expected
-
-
 def test_depth_of_paths_counts_alike(read):
     """A white furnace, lit from its middle: D surfaces that scatter light are D terms of a geometric series."""
     ball = 'Material "{}" "rgb {}" [.5 .5 .5] ReverseOrientation Shape "sphere"'
@@ -740,8 +723,7 @@ def test_v4_refuses_an_rgb_reflectance_out_of_range(tmp_path, material, value):
 def test_encoding_of_textures(read, tmp_path, dialect, more, expected):
     """The value 127.5 of 255 is 0.5, or 0.21404 by the sRGB curve; v3 and v4 read TGA files."""
     pytest.importorskip("OpenImageIO")
-    header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([2, 0, 1, 0, 24, 0])
-    (tmp_path / "a.tga").write_bytes(header + bytes([127] * 3 + [128] * 3))
+    (tmp_path / "a.tga").write_bytes(tga(127, 128))
     kind, material = ("spectrum", "diffuse") if dialect == "v4" else ("color", "matte")
     name = "reflectance" if dialect == "v4" else "Kd"
     text = (
@@ -754,7 +736,6 @@ def test_encoding_of_textures(read, tmp_path, dialect, more, expected):
 def test_encoding_of_skies(read, tmp_path):
     """v3 takes the whole numbers of a sky as they are."""
     pytest.importorskip("OpenImageIO")
-    header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([2, 0, 1, 0, 24, 0])
-    (tmp_path / "a.tga").write_bytes(header + bytes([127] * 3 + [128] * 3))
+    (tmp_path / "a.tga").write_bytes(tga(127, 128))
     (light,) = read("v3", 'LightSource "infinite" "string mapname" "a.tga"').lights
     assert light.texels.mean() == pytest.approx(0.5, abs=1e-6)

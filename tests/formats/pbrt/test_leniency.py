@@ -43,22 +43,40 @@ BIASED = "rendered as path, because pbrt's own image is biased: integrator "
 @pytest.mark.parametrize(
     "dialect, line, expected, warned",
     [
+        ("v2", "", ("path", 6), ""),
+        ("v2", 'SurfaceIntegrator "path" "integer maxdepth" 0', ("path", 1), ""),
+        ("v2", 'SurfaceIntegrator "directlighting"', ("direct", 5), ""),
+        ("v2", 'SurfaceIntegrator "directlighting" "integer maxdepth" 3', ("direct", 3), ""),
+        ("v2", 'SurfaceIntegrator "directlighting" "integer maxdepth" 0', ("direct", 1), ""),  # the first is shaded
         ("v2", 'SurfaceIntegrator "whitted" "integer maxdepth" 3', ("direct", 3), ""),
         ("v2", 'SurfaceIntegrator "photonmap"', ("path", 6), f'{BIASED}"photonmap" (line 1)'),
         ("v2", 'SurfaceIntegrator "igi" "integer maxdepth" 2', ("path", 3), f'{BIASED}"igi" (line 1)'),
         ("v2", 'Renderer "metropolis" "integer maxdepth" 4 SurfaceIntegrator "directlighting"', ("path", 4), ""),
+        ("v3", 'Integrator "path" "integer maxdepth" 1', ("path", 1), ""),
+        ("v3", 'Integrator "volpath" "integer maxdepth" 3', ("path", 3), ""),
+        ("v3", 'Integrator "directlighting" "integer maxdepth" 7', ("direct", 7), ""),
         ("v3", 'Integrator "whitted"', ("direct", 5), ""),
         ("v3", 'Integrator "bdpt" "integer maxdepth" 7', ("path", 7), ""),
         ("v3", 'Integrator "mlt"', ("path", 5), ""),
         ("v3", 'Integrator "sppm" "integer maxdepth" 9', ("path", 9), f'{BIASED}"sppm" (line 1)'),
+        ("v4", 'Integrator "path" "integer maxdepth" 9', ("path", 9), ""),
         ("v4", 'Integrator "mlt" "integer maxdepth" 20', ("path", 20), ""),
         ("v4", 'Integrator "simplepath"', ("path", 5), ""),
     ],
 )
 def test_integrators(read, dialect, line, expected, warned):
+    """maxdepth m of v3 and v4 is the number of surfaces that scatter light; of v2's path it is one less."""
     scene, texts = read(dialect, line)
     assert (scene.suggested.integrator, scene.suggested.max_depth) == expected
     assert texts == [warned] * bool(warned)
+
+
+@pytest.mark.parametrize("dialect, kind", [("v2", "direct"), ("v3", "path"), ("v4", "path")])
+def test_default_integrators(tmp_path, dialect, kind):
+    """Those of files that name none."""
+    (tmp_path / "a.pbrt").write_text(f"WorldBegin {TRIANGLE}" + ("" if dialect == "v4" else "WorldEnd"))
+    suggested = read_pbrt(tmp_path / "a.pbrt", dialect=dialect).suggested
+    assert (suggested.integrator, suggested.max_depth) == (kind, 5)
 
 
 UNAPPLIED = "not applied, so that the image differs by it from pbrt's: "

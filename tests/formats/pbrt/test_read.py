@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from helpers import tga
 
 import dmis
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
@@ -16,7 +17,6 @@ from dmis.brdf.materials import COPPER_ETA, COPPER_K
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.brdf.texture import Image
-from dmis.estimator.settings import Settings, resolve_auto
 from dmis.formats.pbrt import reader
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
@@ -483,8 +483,7 @@ def test_float_image_takes_the_luminance_and_roughness_is_capped(read, tmp_path)
 def test_tga_is_linear_but_for_gamma(read, tmp_path):
     """pbrt-v2 does not decode whole numbers."""
     pytest.importorskip("OpenImageIO")
-    header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([2, 0, 1, 0, 24, 0])
-    (tmp_path / "a.tga").write_bytes(header + bytes([51] * 3 + [204] * 3))
+    (tmp_path / "a.tga").write_bytes(tga(51, 204))
     texture = (
         'Texture "a" "color" "imagemap" "string filename" "a.tga" "float gamma" 2 Material "matte" "texture Kd" "a"'
     )
@@ -690,23 +689,6 @@ def test_options_that_are_not_used(read):
         f"scene.pbrt: {UNUSED}parameter 'jitter' of Sampler (line 1), Accelerator (line 2), VolumeIntegrator (line 3), "
         "TransformTimes (line 4), parameter 'filename' of Film (line 7), parameter 'shutteropen' of Camera (line 8)"
     )
-
-
-@pytest.mark.parametrize(
-    "options, expected",
-    [
-        ("", ("direct", 5)),
-        ('SurfaceIntegrator "directlighting" "integer maxdepth" 3', ("direct", 3)),
-        ('SurfaceIntegrator "directlighting" "integer maxdepth" 0', ("direct", 1)),  # pbrt-v2 shades the first surface
-        ('SurfaceIntegrator "path"', ("path", 6)),
-        ('SurfaceIntegrator "path" "integer maxdepth" 0', ("path", 1)),
-    ],
-)
-def test_integrator_of_the_file(read, options, expected):
-    scene = read("", options)
-    assert (scene.suggested.integrator, scene.suggested.max_depth) == expected
-    settings = resolve_auto(Settings(), scene)
-    assert (settings.integrator, settings.max_depth) == expected
 
 
 # Bad input --------------------------------------------------------------------------------------------------------

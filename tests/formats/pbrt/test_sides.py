@@ -125,8 +125,8 @@ def test_techniques_agree_on_both_sides(read, before):
 CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 
-def octahedron(kind, outward, inward_normals=False):
-    """A Shape line; its faces are wound so that they show outwards or inwards, in object space."""
+def octahedron(kind, outward):
+    """A Shape line; its faces are wound so that they show outwards or inwards; normals of "inward" show inwards."""
     faces = []
     for i, j, k in itertools.product((0, 1), repeat=3):  # + + + is x, y, z: counter-clockwise from outside
         a, b, c = i, 2 + j, 4 + k
@@ -134,7 +134,7 @@ def octahedron(kind, outward, inward_normals=False):
     lists = f'"point P" [{text(CORNERS)}] "integer indices" [{text(faces)}]'
     if kind == "loopsubdiv":
         return f'Shape "loopsubdiv" {lists} "integer LEVELS" 1'
-    normals = f' "normal N" [{text(-CORNERS if inward_normals else CORNERS)}]' if kind == "smooth" else ""
+    normals = "" if kind == "flat" else f' "normal N" [{text(-CORNERS if kind == "inward" else CORNERS)}]'
     return f'Shape "trianglemesh" {lists}{normals}'
 
 
@@ -151,12 +151,15 @@ def shows(mesh):
     return int(signs[0])
 
 
+def in_dialect(dialect, shape):
+    """A Shape line with the words of a dialect."""
+    words = ("levels", "point3 P") if dialect == "v4" else ("nlevels", "point P")
+    return shape.replace("LEVELS", words[0]).replace("point P", words[1])
+
+
 def one_part(read, dialect, material, shape, reverse, mirror):
-    levels = {"v2": "nlevels", "v3": "nlevels", "v4": "levels"}[dialect]
     before = ("Scale 1 2 -1 " if mirror else "") + ("ReverseOrientation " if reverse else "")
-    points = {"v2": "point P", "v3": "point P", "v4": "point3 P"}[dialect]
-    line = shape.replace("LEVELS", levels).replace("point P", points)
-    (part,) = read(dialect, f"{material} {before}{line}").parts
+    (part,) = read(dialect, f"{material} {before}{in_dialect(dialect, shape)}").parts
     return part
 
 
@@ -208,7 +211,7 @@ def bright(dialect, kind, w, r, m):
 @pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
 def test_outside_of_meshes(read, dialect, kind, w, r, m):
     """Of glass in v2 and v4, of plastic in v3."""
-    shape = octahedron("smooth" if kind == "inward" else kind, w > 0, kind == "inward")
+    shape = octahedron(kind, w > 0)
     part = one_part(read, dialect, SIDED[dialect], shape, r < 0, m < 0)
     assert shows(part.mesh) == outside(dialect, kind, w, r, m)
 
@@ -219,7 +222,7 @@ def test_bright_side_of_meshes(read, dialect, kind, w, r, m):
     """Of an emitting plastic in v2 and v3, of an emitting dielectric in v4: part and light are wound alike."""
     material = {"v2": 'Material "plastic"', "v3": 'Material "plastic"', "v4": 'Material "dielectric"'}[dialect]
     emitting = f'AreaLightSource "diffuse" "rgb L" [1 1 1] {material}'
-    shape = octahedron("smooth" if kind == "inward" else kind, w > 0, kind == "inward")
+    shape = octahedron(kind, w > 0)
     if dialect == "v3" and kind != "flat" and r < 0:
         with pytest.raises(PbrtError, match=r"shines on both sides in v3; remove ReverseOrientation"):
             one_part(read, dialect, emitting, shape, r < 0, m < 0)
@@ -232,7 +235,7 @@ def test_bright_side_of_meshes(read, dialect, kind, w, r, m):
 @pytest.mark.parametrize("kind, w, r, m", CASES)
 def test_glass_of_v2_that_emits_inwards_is_refused(read, kind, w, r, m):
     """One winding cannot show the bright side and the outside where these differ."""
-    shape = octahedron("smooth" if kind == "inward" else kind, w > 0, kind == "inward")
+    shape = octahedron(kind, w > 0)
     emitting = 'AreaLightSource "area" Material "glass"'
     if outside("v2", kind, w, r, m) == bright("v2", kind, w, r, m):
         assert shows(one_part(read, "v2", emitting, shape, r < 0, m < 0).mesh) == outside("v2", kind, w, r, m)
@@ -247,10 +250,7 @@ def test_an_emitting_loopsubdiv_from_outside(read, dialect, visible, outward):
     """Wound outwards it emits outwards in v2, and along its normals, inwards, in v3 and v4."""
     camera = 'LookAt 0 -9 0  0 0 0  0 0 1\nCamera "perspective" "float fov" 2'
     material = 'Material "diffuse"' if dialect == "v4" else 'Material "plastic"'
-    levels = "levels" if dialect == "v4" else "nlevels"
-    shape = octahedron("loopsubdiv", outward).replace("LEVELS", levels)
-    if dialect == "v4":
-        shape = shape.replace("point P", "point3 P")
+    shape = in_dialect(dialect, octahedron("loopsubdiv", outward))
     scene = read(dialect, f'AreaLightSource "diffuse" "rgb L" [1 1 1] {material} {shape}', camera, 2)
     image = dmis.render(scene, "balance", 4, seed=1).image
     np.testing.assert_allclose(image, visible if outward else 1 - visible, atol=1e-6)
