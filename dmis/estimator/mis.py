@@ -165,32 +165,26 @@ class OptimalMIS(Combiner):
         return Optimal(shares, samples)
 
 
-SPECIAL = {combiner.name: combiner for combiner in (Frozen(), OptimalMIS())}
-"""Combiners that are more than a heuristic, by name."""
+COMBINERS = {c.name: c for c in (Combiner("balance"), Combiner("maximum", maximum), Frozen(), OptimalMIS())}
+"""Combiners without a parameter, by name."""
+FAMILIES: dict[str, tuple[Callable[[float], Heuristic], float]] = {"power": (power, 2.0), "cutoff": (cutoff, 0.1)}
+"""Heuristics of a parameter, by name, and its default."""
 
 
 @cache
 def combiner_by_name(name: str) -> Combiner:
-    """Return a combiner: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (threshold 0.1),
-    ``cutoff-0.5``, or one of `SPECIAL`.
+    """Return a combiner of `COMBINERS`, or of `FAMILIES`: ``power`` (exponent 2), ``power-3``, ``cutoff-0.5``.
 
     A ValueError if there is none of that name, or its number is out of range.
     """
-    if name in SPECIAL:
-        return SPECIAL[name]
-    if name == "balance":
-        return Combiner(name)
-    if name == "maximum":
-        return Combiner(name, maximum)
+    if name in COMBINERS:
+        return COMBINERS[name]
     kind, dash, text = name.partition("-")
     try:
-        parameter = float(text) if dash else None
-    except ValueError:
-        parameter = np.nan
-    if kind == "power" and parameter == parameter:
-        return Combiner(name, power(2.0 if parameter is None else parameter))
-    if kind == "cutoff" and parameter == parameter:
-        return Combiner(name, cutoff(0.1 if parameter is None else parameter))
-    raise ValueError(
-        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or optimal; got {name!r}"
-    )
+        heuristic, default = FAMILIES[kind]
+        parameter = float(text) if dash else default
+    except (KeyError, ValueError):
+        raise ValueError(
+            f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or optimal; got {name!r}"
+        ) from None
+    return Combiner(name, heuristic(parameter))

@@ -82,21 +82,6 @@ class PatternMap:
         halvings = None if self.halvings is None else self.halvings[:, *area]
         return replace(self, pattern=self.pattern[area], halvings=halvings)
 
-    def light_subsets(self, pixel: np.ndarray, number: np.ndarray, samples: np.ndarray) -> LightSubsets:
-        """Return the subsets of N camera samples that sample each light; `halvings` must not be None.
-
-        Parameters
-        ----------
-        pixel, number
-            Pixel of each camera sample, and its number within the pixel and the round, ``(N,)``.
-        samples
-            Camera samples of each pixel of the map, ``(P,)``.
-        """
-        assert self.halvings is not None
-        return LightSubsets(
-            self.halvings.reshape(len(self.halvings), -1).take(pixel, axis=1), number, samples.take(pixel)
-        )
-
     def groups(self, samples: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[int, int]]]:
         """Yield the pixels ``(A,)`` of each pattern that have `samples` ``(P,)``, these, and the pattern."""
         pattern_of_pixel = self.pattern.reshape(-1)

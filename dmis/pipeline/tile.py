@@ -91,10 +91,12 @@ class Tile:
 
 def _light_subsets(round_: Round, samples: CameraSamples, pixels: int) -> LightSubsets | None:
     """Return the subsets of a batch's camera samples that sample each light; None if all sample all lights."""
-    if round_.patterns is None or round_.patterns.halvings is None:
+    halvings = None if round_.patterns is None else round_.patterns.halvings
+    if halvings is None:
         return None
     begin = round_.begin if isinstance(round_.begin, int) else round_.begin.take(samples.pixel)
-    return round_.patterns.light_subsets(samples.pixel, samples.number - begin, np.broadcast_to(round_.spp, pixels))
+    n = np.broadcast_to(round_.spp, pixels).take(samples.pixel)
+    return LightSubsets(halvings.reshape(len(halvings), -1).take(samples.pixel, axis=1), samples.number - begin, n)
 
 
 def batch_size(settings: Settings) -> int:

@@ -171,14 +171,9 @@ class Film:
     mean: Array
     root: Array
 
-    @property
-    def m2(self) -> Array:
-        """Sum of squared deviations, ``(H, W, 3)`` float64."""
-        return np.square(self.root, dtype=np.float64)
-
     def variance(self) -> Array:
         """Return the unbiased variance of one sample, see `Moments.variance`."""
-        return Moments(self.n, self.mean, self.m2).variance()
+        return Moments(self.n, self.mean, np.square(self.root, dtype=np.float64)).variance()
 
 
 def join(first: Film, more: Film) -> Film:

@@ -213,7 +213,7 @@ def test_frozen_renders(box: dmis.Scene) -> None:
         ("maximum-1", "combiner must be"),
         ("power-x", "combiner must be"),
         ("power-", "combiner must be"),
-        ("power-nan", "combiner must be"),
+        ("power-nan", "exponent of the power heuristic must be positive"),
         ("power-0", "exponent of the power heuristic must be positive"),
         ("power-inf", "exponent of the power heuristic must be positive and finite"),
         ("power--1", "exponent of the power heuristic must be positive"),

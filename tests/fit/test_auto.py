@@ -64,7 +64,7 @@ def second_round(first: Pilot, rule: Auto = PLAIN) -> Round:
 
 def decided(first: Pilot, rule: Auto = PLAIN) -> tuple[Array, Array]:
     """Return the density of the camera samples and the cost of one at each pixel, ``(H, W)``."""
-    variance = first.moments.m2.mean(axis=2) / (N * (N - 1))
+    variance = first.moments.variance().mean(axis=2) / N
     density, cost = np.empty_like(variance), np.empty_like(variance)
     for colour, at in enumerate(COLOURS):
         if density[at].size:
