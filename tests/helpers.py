@@ -32,6 +32,7 @@ from dmis.fit.registry import RULES
 from dmis.fit.round import Round
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.intersect import Hits
+from dmis.pipeline.result import Result
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene
@@ -195,3 +196,15 @@ def images_z_score(a: Any, b: Any) -> float:
     """Difference of the means of renders ``(seeds, H, W, 3)`` by two ways, over its standard error."""
     (mean_a, error_a), (mean_b, error_b) = mean_and_error(a), mean_and_error(b)
     return (mean_a - mean_b) / float(np.hypot(error_a, error_b))
+
+
+def channels_z(a: Result, b: Result) -> Array:
+    """Return the differences of the channels' means of two renders, over their standard errors, ``(3,)``."""
+    difference = a.image.mean(axis=(0, 1), dtype=float) - b.image.mean(axis=(0, 1), dtype=float)
+    return difference / np.sqrt((a.variance + b.variance).mean(axis=(0, 1), dtype=float) / a.weight.size)
+
+
+def results_z(a: Result, b: Result) -> float:
+    """Return the difference of the means of two renders, over its standard error, channels taken as fully dependent."""
+    variance = sum((np.sqrt(r.variance, dtype=float).mean(axis=2) ** 2).sum() for r in (a, b)) / a.weight.size**2
+    return float((a.image.mean(dtype=float) - b.image.mean(dtype=float)) / np.sqrt(variance))

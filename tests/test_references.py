@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from block_error import block_error
+from helpers import channels_z
 
 import dmis
 from dmis.fit.registry import RULES
@@ -85,7 +86,5 @@ def test_every_mixture_has_the_same_mean(pbrt_scenes, load, balance, name, rule)
     """
     path = pbrt_scenes / f"{name}.pbrt"
     a, b = balance(path), dmis.render(load(path), rule, 128, seed=12)
-    pixels = a.image.shape[0] * a.image.shape[1]
-    error = np.sqrt((a.variance.mean(axis=(0, 1), dtype=float) + b.variance.mean(axis=(0, 1), dtype=float)) / pixels)
-    z = (a.image.mean(axis=(0, 1), dtype=float) - b.image.mean(axis=(0, 1), dtype=float)) / error
+    z = channels_z(a, b)
     assert np.abs(z).max() < 4, z

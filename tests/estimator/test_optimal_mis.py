@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, pixel_shares, z_score
+from helpers import Z_LIMIT, pixel_shares, results_z, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -156,5 +156,4 @@ def test_frozen_weights_are_never_at_the_ends(box: dmis.Scene, w: float) -> None
     found = dmis.render(box, dmis.Given(w), 256, seed=3, combiner="frozen")
     expected = dmis.render(box, "balance", 256, seed=3)
     assert (found.weight > 0).all() and (found.weight < 1).all()
-    z = (found.image.mean() - expected.image.mean()) / np.sqrt((found.variance + expected.variance).sum())
-    assert abs(z) * found.image.size / np.sqrt(3) < 4
+    assert abs(results_z(found, expected)) < 4

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, shared_scene
+from helpers import Z_LIMIT, results_z, shared_scene
 
 import dmis
 from dmis.base.patches import patch_mean
@@ -169,12 +169,10 @@ def test_refusals() -> None:
 def test_every_tilt_agrees_with_balance(name: str, integrator: str) -> None:
     """The image's mean is that of the balance heuristic at every w; w = 0 has more samples, for its rare hits."""
     options = {"integrator": integrator, "max_depth": 3, "sampler": "independent"}
-    z = {}
     rules = {"balance": 128} | {f"fixed:{w},weigh=heuristic": 128 if w else 1024 for w in WEIGHTS}
-    for seed, (rule, spp) in enumerate(rules.items()):
-        result = dmis.render(shared_scene(name, SCENES[name]), rule, spp, seed=seed, **options)
-        # channels vary together
-        z[rule] = result.image.mean(dtype=float), result.variance.mean(axis=2).sum() / result.weight.size**2
-    mean, variance = z.pop("balance")
-    scores = {rule: (value - mean) / np.sqrt(error + variance) for rule, (value, error) in z.items()}
+    balance, *others = (
+        dmis.render(shared_scene(name, SCENES[name]), rule, spp, seed=seed, **options)
+        for seed, (rule, spp) in enumerate(rules.items())
+    )
+    scores = {w: results_z(result, balance) for w, result in zip(WEIGHTS, others, strict=True)}
     assert max(map(abs, scores.values())) < Z_LIMIT, scores
