@@ -91,6 +91,20 @@ def grid_uniforms(side: int, dtype: type = np.float64, low: float = 0.03, high: 
     return np.stack(np.meshgrid(line, line, indexing="ij")).reshape(2, -1).astype(dtype)
 
 
+@contextmanager
+def offline_tab(browser: Any, page: Path) -> Iterator[Any]:
+    """Open a page in a tab that may not go anywhere; at the end there is no error, and nothing was asked for."""
+    tab = browser.new_page(viewport={"width": 1000, "height": 800}, offline=True)
+    troubles: list[str] = []
+    tab.on("pageerror", lambda error: troubles.append(str(error)))
+    tab.on("console", lambda message: troubles.append(message.text))
+    tab.on("request", lambda request: troubles.append(request.url) if request.url.startswith("http") else None)
+    tab.goto(page.as_uri())
+    yield tab
+    tab.close()
+    assert troubles == []
+
+
 def glb(document: Any, body: bytes = b"") -> bytes:
     """Return a GLB file of a description and a buffer, whose length is a multiple of 4."""
     text = json.dumps(document).encode()

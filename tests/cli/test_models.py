@@ -120,11 +120,6 @@ def test_bad_options(tmp_path, ball, capsys, words, message):
     assert code == 2 and re.search(message, capsys.readouterr().err.replace("\n", " "))
 
 
-def test_pbrt_scenes_have_their_own(tmp_path, capsys):
-    assert main(["render", "cornell", *SMALL, "-o", str(tmp_path / "a.exr"), "--fov", "30"]) == 2
-    assert "fov must not be given for cornell, because a pbrt scene has its own" in capsys.readouterr().err
-
-
 def test_exposure(tmp_path):
     """A preview of a model with lights shows it, whatever their unit; --exposure settles it."""
     from PIL import Image

@@ -318,5 +318,3 @@ def test_rules_of_two_techniques() -> None:
     for rule in ("thesis", "second-moment", None):
         with pytest.raises(ValueError, match="needs two techniques; got 3: light, brdf, uniform"):
             dmis.render(scene, rule, 16, settings=Settings(techniques=three))
-    with pytest.raises(ValueError, match="shading_samples must be even"):
-        dmis.render(scene, "simplex", 16, settings=Settings(shading_samples=3))

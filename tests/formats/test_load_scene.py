@@ -205,7 +205,7 @@ def test_bad_input(source, arguments, kind, message):
         load_scene(source, **arguments)
 
 
-@pytest.mark.parametrize("name, value", [("camera", 1), ("lights", []), ("material", matte())])
+@pytest.mark.parametrize("name, value", [("camera", 1), ("lights", []), ("material", matte()), ("fov", 30.0)])
 def test_a_pbrt_scene_has_its_own(pbrt_file, name, value):
     with pytest.raises(ValueError, match=f"{name} must not be given for .*because a pbrt scene has its own"):
         load_scene(pbrt_file, **{name: value})

@@ -102,12 +102,6 @@ def test_more_shading_samples() -> None:
     assert (of_all | of_rest).all() and of_all.any() and (~of_all).any()
 
 
-@pytest.mark.parametrize("rule", ["auto", "counts"])
-def test_odd_shading_samples(rule: str) -> None:
-    with pytest.raises(ValueError, match=f"shading_samples must be even for rule {rule}"):
-        dmis.render(glossy((4, 4)), rule, 32, sampler="sobol", shading_samples=3)
-
-
 def test_layers_of_light_and_brdf_samples(tmp_path: Path) -> None:
     """Of the file, and what the deviation is estimated from."""
     result = dmis.render(glossy((12, 8)), "auto", 32, sampler="sobol")

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from helpers import offline_tab
 from PIL import Image
 
 import dmis
@@ -20,16 +21,9 @@ ALL = ["balance", "pbrt", "thesis:patch=4", "second-moment", PINNED]
 
 @pytest.fixture
 def opened(browser, made):
-    """The page in a tab that may not go anywhere; at the end there is no error, and nothing was asked for."""
-    tab = browser.new_page(viewport={"width": 1000, "height": 800}, offline=True)
-    troubles: list[str] = []
-    tab.on("pageerror", lambda error: troubles.append(str(error)))
-    tab.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") else None)
-    tab.on("request", lambda request: troubles.append(request.url) if request.url.startswith("http") else None)
-    tab.goto((made[1] / "report.html").as_uri())
-    yield tab
-    tab.close()
-    assert troubles == []
+    """The page in a tab."""
+    with offline_tab(browser, made[1] / "report.html") as tab:
+        yield tab
 
 
 def pixels(tab) -> np.ndarray:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import offline_tab
 
 import dmis
 from dmis.base.patches import patch_spread
@@ -130,17 +131,10 @@ def test_model_has_the_numbers_of_python(page) -> None:
 
 @pytest.fixture
 def tab(browser, page, tmp_path: Path):
-    """The page in a tab that may not go anywhere; at the end there is no error, and nothing was asked for."""
+    """The page in a tab."""
     (tmp_path / "play.html").write_text(page[1], "utf-8")
-    tab = browser.new_page(viewport={"width": 1000, "height": 800}, offline=True)
-    troubles: list[str] = []
-    tab.on("pageerror", lambda error: troubles.append(str(error)))
-    tab.on("console", lambda message: troubles.append(message.text))
-    tab.on("request", lambda request: troubles.append(request.url) if request.url.startswith("http") else None)
-    tab.goto((tmp_path / "play.html").as_uri())
-    yield tab
-    tab.close()
-    assert troubles == []
+    with offline_tab(browser, tmp_path / "play.html") as tab:
+        yield tab
 
 
 def shown(tab) -> tuple[float, float, float]:

@@ -12,7 +12,6 @@ from dmis.base.color import LUMINANCE
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.fresnel import Conductor, ExactConductor
 from dmis.brdf.materials import COPPER_ETA, COPPER_K
@@ -30,7 +29,6 @@ from dmis.light.area import DiskLight
 from dmis.light.delta import DistantLight, PointLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers.pixel_filter import PixelFilter
-from dmis.scene.shading_points import ShadingPoints
 
 TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point3 P" [0 0 0  1 0 0  0 1 0]\n'
 TEXTURED = TRIANGLE[:-1] + ' "point2 uv" [0 0 1 0 0 1]\n'
@@ -270,7 +268,7 @@ def test_dialect_follows_included_files(tmp_path):
     scene = dmis.load_scene(tmp_path / "a.pbrt")
     assert (scene.source["dialect"], scene.source["dialect_from"]) == ("v3", "file")
     (tmp_path / "b.pbrt").write_text('Include "a.pbrt"')
-    with pytest.raises(PbrtError, match="a file must not include itself"):
+    with pytest.raises(PbrtError, match=r'b\.pbrt:1: token "a\.pbrt": a file must not include itself'):
         dmis.load_scene(tmp_path / "a.pbrt")
     (tmp_path / "b.pbrt").unlink()
     with pytest.raises(PbrtError, match=r"there is no file 'b\.pbrt'"):
@@ -515,24 +513,6 @@ def test_images_under_a_coat_and_of_its_roughness(read, tmp_path):
             read("v4", texture.format("float", name))
     with pytest.raises(PbrtError, match="parameter 'albedo' must be constant here"):
         read("v4", texture.format("spectrum", "albedo"))
-
-
-def test_microfacets_are_those_of_pbrt(read):
-    """Reflection of pbrt-v3's metal along one pair of directions, from the formulas of its book."""
-    (lobe,) = lobes(read("v3", 'Material "metal" "float roughness" .1'))
-    alpha, o, i = lobe.roughness.alpha, 0.7, np.array([-0.3, -0.8])  # angles from the normal
-    wo = np.repeat(np.float32([[np.sin(o)], [0], [np.cos(o)]]), 2, axis=1)
-    wi = np.stack([np.sin(i), 0 * i, np.cos(i)]).astype(np.float32)
-    up = np.repeat(np.float32([[0], [0], [1]]), 2, axis=1)
-    surface = ShadingPoints(
-        p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=None, reflection=(), delta=()
-    )
-    h = (o + i) / 2
-    d = 1 / (np.pi * alpha**2 * np.cos(h) ** 4 * (1 + np.tan(h) ** 2 / alpha**2) ** 2)
-    lam = [(np.sqrt(1 + (alpha * np.tan(a)) ** 2) - 1) / 2 for a in (o, i)]
-    fresnel = ExactConductor(COPPER_ETA, COPPER_K)(np.cos((o - i) / 2))
-    expected = d / (1 + lam[0] + lam[1]) * fresnel / (4 * np.cos(o) * np.cos(i))
-    np.testing.assert_allclose(lobe.eval(Directions(surface, wi)), expected, rtol=2e-5)
 
 
 # Shapes and state -----------------------------------------------------------------------------------------------------

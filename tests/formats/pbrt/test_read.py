@@ -613,13 +613,6 @@ def test_errors_in_included_files_name_them(read, tmp_path):
         read('Include "a.pbrt"')
 
 
-def test_endless_includes_are_refused(read, tmp_path):
-    (tmp_path / "a.pbrt").write_text('Include "b.pbrt"\n')
-    (tmp_path / "b.pbrt").write_text('Include "a.pbrt"\n')
-    with pytest.raises(PbrtError, match=r'b\.pbrt:1: token "a\.pbrt": a file must not include itself'):
-        read('Include "a.pbrt"')
-
-
 ABOVE = "reflectance above 1, which adds light, taken as it is, as pbrt does: "
 BELOW = "reflectance below 0, taken as 0, as pbrt does: "
 UNKNOWN, UNUSED = "not used, because it is unknown there: ", "not used, because it does not change the expected image: "
