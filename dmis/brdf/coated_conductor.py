@@ -94,7 +94,6 @@ class CoatedConductor(Lobe):
     thickness: float = 0.0
     bounces: int = 100
     share: Any = 1.0
-    colours: ClassVar[tuple[str, ...]] = ("share",)
     factor: ClassVar[str | None] = "share"
 
     def eval(self, directions: Directions) -> Array:

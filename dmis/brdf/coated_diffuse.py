@@ -116,7 +116,7 @@ class CoatedBase(CosineLobe):
     thickness: float = 0.0
     bounces: int | None = None
     share: Any = 1.0
-    colours: ClassVar[tuple[str, ...]] = ("reflectance", "share")
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "share"
 
     def eval(self, directions: Directions) -> Array:

@@ -29,7 +29,6 @@ class Lambert(CosineLobe):
     """``f = reflectance / pi``, sampled with density cos/pi."""
 
     reflectance: Any
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:
@@ -45,7 +44,6 @@ class LambertTransmission(CosineLobe):
     """Light that comes through a thin sheet and leaves it evenly: ``f = transmittance / pi``, from either side."""
 
     transmittance: Any
-    colours: ClassVar[tuple[str, ...]] = ("transmittance",)
     factor: ClassVar[str | None] = "transmittance"
     transmissive: ClassVar[bool] = True
 
@@ -66,7 +64,6 @@ class OrenNayar(CosineLobe):
 
     reflectance: Any
     sigma: float
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:

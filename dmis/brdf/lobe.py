@@ -44,7 +44,7 @@ class Lobe(Parameters, Protocol):
     Attributes
     ----------
     colours, scalars
-        The fields that may differ from point to point, see `Parameters`.
+        The fields that may differ from point to point, see `Parameters`; `factor` is added to `colours`.
     factor
         The colour that the lobe is in proportion to: a lobe for which it is 0 is left out, a mixture scales it, and
         `albedo` returns it. None: there is no such field.
@@ -57,6 +57,11 @@ class Lobe(Parameters, Protocol):
     factor: ClassVar[str | None] = None
     delta: ClassVar[bool] = False
     transmissive: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if cls.factor is not None and cls.factor not in cls.colours:
+            cls.colours = (*cls.colours, cls.factor)
 
     def eval(self, directions: Directions) -> Array:
         """Return the BSDF without the cosine, ``(1, N)``, ``(3, 1)`` or ``(3, N)``."""

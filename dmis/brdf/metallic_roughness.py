@@ -41,7 +41,6 @@ class UnderCoat(CosineLobe):
 
     reflectance: Any
     coat: Schlick
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:

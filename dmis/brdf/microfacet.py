@@ -26,7 +26,6 @@ class Microfacet(HalfVectorLobe):
     reflectance: Any
     distribution: Distribution
     fresnel: Fresnel | None = None
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:
@@ -51,7 +50,6 @@ class GGX(Lobe):
     reflectance: Any
     roughness: Roughness
     fresnel: Fresnel | None = None
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:

@@ -32,7 +32,6 @@ class Lafortune(Lobe):
     exponent: Any
     c_t: float = -1.0
     c_n: float = 1.0
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     scalars: ClassVar[tuple[str, ...]] = ("exponent",)
     factor: ClassVar[str | None] = "reflectance"
 
@@ -79,7 +78,6 @@ class BlinnPhong(HalfVectorLobe):
 
     reflectance: Any
     distribution: Blinn
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:

@@ -52,7 +52,6 @@ class RoughTransmission(Lobe):
     transmittance: Any
     roughness: Roughness
     eta: float
-    colours: ClassVar[tuple[str, ...]] = ("transmittance",)
     factor: ClassVar[str | None] = "transmittance"
     transmissive: ClassVar[bool] = True
 

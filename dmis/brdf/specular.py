@@ -19,7 +19,6 @@ class SpecularReflection(DeltaLobe):
 
     reflectance: Any
     fresnel: Fresnel | None = None
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def scatter(self, surface: LocalFrame) -> tuple[Array, Array]:
@@ -43,7 +42,6 @@ class SpecularTransmission(DeltaLobe):
     transmittance: Any
     eta: float = 1.5
     scaled: bool = True
-    colours: ClassVar[tuple[str, ...]] = ("transmittance",)
     factor: ClassVar[str | None] = "transmittance"
     transmissive: ClassVar[bool] = True
 

@@ -27,7 +27,6 @@ class Ward(HalfVectorLobe):
 
     reflectance: Any
     distribution: Beckmann
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:

@@ -148,19 +148,8 @@ def rule_text(rule: Any) -> str:
 def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
     """Return the caller's `settings` with the rule's own, after a check of these and of the rule's pilot.
 
-    Parameters
-    ----------
-    text
-        The rule's text in messages.
-    settings
-        The settings that the caller gave.
-
-    Raises
-    ------
-    ValueError
-        If pilot or settings are no mapping, a name is no setting, a pilot's number of samples is not whole or its
-        shares are not in [0, 1], a name of `settings` differs both from its default and from the rule's, or the two
-        are incompatible.
+    `text` is the rule's in messages. A ValueError if pilot or settings are not of the right form, or a setting of the
+    caller differs both from its default and from the rule's.
     """
     for name, example in (("pilot", "{0.5: 2}, camera samples by weight"), ("settings", "{'reuse_pilot': False}")):
         if not isinstance(value := getattr(rule, name), Mapping):
