@@ -43,7 +43,8 @@ def test_result_is_written_with_its_provenance(tmp_path, box):
     np.testing.assert_array_equal(layers["RGB"], result.image)
     np.testing.assert_array_equal(layers["weight"], result.weight)
     provenance = json.loads(attributes["dmis.provenance"])
-    assert provenance["rule"] == "thesis:patch=4" and provenance["seed"] == 3 and provenance["spp"] == 8
+    expected = {"rule": "thesis:patch=4", "seed": 3, "spp": 8, "resolution": [32, 24]}
+    assert provenance.items() >= expected.items() and provenance["settings"]["sampler"] == "sobol"
 
 
 @pytest.mark.parametrize(
