@@ -39,7 +39,7 @@ for name in SCENES:
     reference = opts.reference(scene, opts.pick(16, 128, 128))
     budgets = [(rule, opts.spp) for rule in (BASE, *RULES)]
     errors = Errors(reference)
-    more = {"sampler": "independent", "parallel": 1, "progress": show(name), "keep": errors.keep}
+    more = {"sampler": "independent", "parallel": 1, "progress": show(name), "record": errors.record}
     runs = measure(scene, budgets, range(given.seeds), reference, **more)
     base = runs[BASE, opts.spp]
     width, height = scene.camera.resolution

@@ -146,7 +146,7 @@ for name in names:
             range(seeds[spp]),
             reference,
             done=done,
-            record=lambda run, key=key: write(key, run),
+            record=lambda run, _, key=key: write(key, run),
             parallel=1,
             progress=show(f"{name} {spp} spp"),
         )

@@ -237,14 +237,15 @@ def window(scene: Scene, rows: tuple[float, float], columns: tuple[float, float]
 
 
 class Errors(dict[Budget, Array]):
-    """Squared errors of pixels by budget, sums over the seeds: `keep` is for `dmis.measure`."""
+    """Squared errors of pixels by budget, sums over the seeds: `record` is for `dmis.measure`."""
 
     def __init__(self, reference: Reference) -> None:
         super().__init__()
         self._reference = reference
 
-    def keep(self, budget: Budget, result: Result) -> None:
+    def record(self, run: Run, result: Result) -> None:
         """Add the errors of a render."""
+        budget = run.rule, run.spp
         errors = squared_error(result.image, self._reference.first, self._reference.second)
         self[budget] = errors + self.get(budget, np.zeros(()))
 

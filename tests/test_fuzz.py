@@ -198,7 +198,9 @@ def test_meshes_reach_no_other_file(tmp_path, monkeypatch):
     monkeypatch.setattr("builtins.open", lambda name, *a, **k: opened.append(str(name)) or real(name, *a, **k))
     with pytest.raises(ValueError, match=r"a\.glb cannot be read as GLB"):
         dmis.load_scene(tmp_path / "scene/a.glb")
-    assert dmis.load_scene(tmp_path / "scene/b.obj", material=dmis.matte()).parts[0].mesh.triangles == 1
+    with pytest.raises(ValueError, match=r"the file '../secret\.mtl' is outside of the folder"):
+        dmis.load_scene(tmp_path / "scene/b.obj", material=dmis.matte())
+    assert dmis.load_mesh(tmp_path / "scene/b.obj").triangles == 1
     assert not [name for name in opened if "secret" in name]
 
 

@@ -55,7 +55,7 @@ def measure(name):
         "preset": "thesis",
         "parallel": 1,
         "progress": opts.progress,
-        "keep": errors.keep,
+        "record": errors.record,
     }
     base, same = ("balance", SPP), (OURS, SPP)
     runs = {
