@@ -116,7 +116,7 @@ def merge_seconds(scene, tiles, file):
     film_tile = render_tile(scene, tiles[0])
     with tempfile.TemporaryDirectory() as folder:
         store = Store(Path(folder) / "checkpoint", {})
-        film = PassFilm.empty(scene.camera.resolution, 1 + max(tile.number for tile in tiles), tiles[0].round)
+        film = PassFilm(scene.camera.resolution, 1 + max(tile.number for tile in tiles), tiles[0].round)
         begin = time.perf_counter()
         for _ in range(100):
             if file:

@@ -84,10 +84,9 @@ class DiskLight(AreaLight):
         return Pieces.of(DISK, np.concatenate([centre, s, t, normal]), np.pi * self.radius**2, radiance)
 
     def mesh(self) -> Mesh:
-        normal = np.asarray(self.normal, float) / np.linalg.norm(self.normal)
+        normal = np.asarray(self.normal, float)[:, None] / np.linalg.norm(self.normal)
         matrix = transforms.translate(self.centre)
-        s, t = (axis[:, 0].astype(float) for axis in frame(normal[:, None]))
-        matrix[:3, :3] = np.stack([s, t if np.cross(s, t) @ normal > 0 else -t, normal], axis=1)
+        matrix[:3, :3] = np.hstack([*frame(normal), normal])
         return shapes.circular(radius=self.radius).mesh().transformed(matrix)
 
 

@@ -137,9 +137,8 @@ class FilmTile:
     embree_seconds: float = 0.0
 
 
-@dataclass(eq=False)
 class PassFilm:
-    """The film of one pass over the image.
+    """The film of one pass over the image, of `resolution` (width, height); none of its `tiles` is merged at first.
 
     Attributes
     ----------
@@ -155,19 +154,13 @@ class PassFilm:
         Sums of the pass's statistic over patches of `PATCH` pixels, ``(..., ceil(H / PATCH), ceil(W / PATCH))``.
     """
 
-    round: Round
-    mean: np.ndarray
-    root: np.ndarray
-    done: np.ndarray
-    rays: Counter[str]
-    sums: dict[str, np.ndarray]
-
-    @classmethod
-    def empty(cls, resolution: tuple[int, int], tiles: int, round_: Round) -> PassFilm:
-        """Return a film of `resolution` (width, height) into which none of its `tiles` is merged."""
-        shape, before = (resolution[1], resolution[0], 3), round_.before
+    def __init__(self, resolution: tuple[int, int], tiles: int, round_: Round) -> None:
+        before, shape = round_.before, (resolution[1], resolution[0], 3)
         mean, root = (before.mean, before.root) if before else np.zeros((2, *shape), np.float32)
-        return cls(round_, mean, root, np.zeros(tiles, bool), Counter(), {})
+        self.mean: np.ndarray = mean
+        self.root: np.ndarray = root
+        self.round, self.done = round_, np.zeros(tiles, bool)
+        self.rays, self.sums = Counter[str](), dict[str, np.ndarray]()
 
     def merge_tile(self, tile: FilmTile) -> None:
         """Write the pixels and sums of a tile to their places, joined to those before, and count its rays."""

@@ -92,7 +92,7 @@ class Passes:
         began, resolution = time.perf_counter(), self._job.scene.camera.resolution
         self._release()
         tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
-        film = PassFilm.empty(resolution, len(tiles), round_)
+        film = PassFilm(resolution, len(tiles), round_)
         for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
             film.merge_tile(film_tile)
         self._rounds += 1

@@ -32,7 +32,7 @@ def tiles():
 def test_tiles_are_merged_to_their_places_in_any_order(tiles):
     """Pixels, patches, rays and marks are those of the tiles, whatever the order in which these arrive."""
     for order in permutations(tiles):
-        film = PassFilm.empty(RESOLUTION, 3, ROUND)
+        film = PassFilm(RESOLUTION, 3, ROUND)
         assert not film.done.any()
         for tile in order:
             film.merge_tile(tile)
