@@ -128,6 +128,14 @@ def test_environment_rotation_and_scale() -> None:
     np.testing.assert_allclose(tilted.radiance(turned), plain.radiance(w) * np.float32([[2], [1], [0.5]]), atol=2e-5)
 
 
+def test_environment_of_one_channel() -> None:
+    """Shows what three equal channels show."""
+    texels, p = np.random.default_rng(6).random((4, 8, 1)), np.zeros((3, 64), np.float32)
+    grey, rgb = (EnvironmentLight(t, scale=(1, 2, 3)).sample(p, uniforms(64)) for t in (texels, texels.repeat(3, 2)))
+    for name in ("wi", "pdf", "radiance"):
+        np.testing.assert_array_equal(getattr(grey, name), getattr(rgb, name))
+
+
 def test_environment_density_of_a_constant_map() -> None:
     """Rows are picked by the sine at their middle, so there the density of a constant map is the same in each row."""
     theta = (np.arange(16) + 0.5) * np.pi / 16
