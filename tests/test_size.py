@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 26_462, "tests": 26_424}
+LINES = {"dmis": 26_463, "tests": 26_424}
 """Lines of Python files."""
 WORDS = 43_000
 """Words of the pages, tables included."""

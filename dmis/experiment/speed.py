@@ -99,6 +99,7 @@ def bench(
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
             job = resolve(scene, rule, spp, seed + k, make_settings(**options))
+            job.scene.prepare()  # once, before the first render
             result = render_job(job, parallel)
             samples = math.prod(scene.camera.resolution) * job.spp
             begun = Speed(scene.name, job.rule_text, parallel, samples, dict(result.rays), [], [])
