@@ -23,7 +23,7 @@ SEEDS = range(opts.pick(2, 3))
 # At half of the usual size, because there is so much to render. Rules take turns, so
 # that all meet the same machine.
 figure, axes = plot.canvas(2, 4, 22, 10, sharey="col")
-told = []
+sentences = []
 for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
@@ -60,7 +60,7 @@ for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     }
     for rule in RULES:
         print(f"    {rule:14} {times[rule]:28.2f}")
-    told.append(f"{name} {times[RULES[2]]:.2f} and {times['auto']:.2f}")
+    sentences.append(f"{name} {times[RULES[2]]:.2f} and {times['auto']:.2f}")
 figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center")
 opts.save(
     figure,
@@ -72,5 +72,5 @@ opts.save(
     the time and rays of the balance heuristic; auto can get below it, because it also
     spreads samples over the image and compensates skies. MSE of thesis (shares) and
     auto at {BUDGETS[-1]} samples, over that of the balance heuristic in equal time:
-    {"; ".join(told)}.""",
+    {"; ".join(sentences)}.""",
 )

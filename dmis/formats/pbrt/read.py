@@ -14,7 +14,7 @@ Deviations of pbrt-v2 from the textbook that only this reader knows, beside thos
   to [0, 90], and what ``shinymetal`` reflects is at most 1. (Opacity is at most 1 here, too; above, pbrt-v2 lets
   negative light through.)
 * A named material takes what it lacks from the Material line that stands then, whose textures count before constants
-  of its own. Parameters of materials in Shape lines, which count before those of the Material line, are refused.
+  of its own. Parameters of materials in Shape lines, which pbrt puts before those of the Material line, are refused.
 * For triangles that a ray hits pbrt-v2 takes the side of dp/du x dp/dv, turned by transforms that change handedness
   too, so that a mirrored mesh, or mirrored texture coordinates, have two bright sides. Here the side that is sampled,
   along their winding in world space, holds for both.
