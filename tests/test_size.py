@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 26_463, "tests": 26_424}
+LINES = {"dmis": 26_913, "tests": 27_324}
 """Lines of Python files."""
-WORDS = 43_000
+WORDS = 43_250
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""
