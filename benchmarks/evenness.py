@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from dmis.base.atomic_files import check_writable, replacing
 from dmis.estimator.settings import Settings
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.oracle_renders import curve_settings, settings_key
-from dmis.experiment.reference import REFERENCE_SEED, cache_path
+from dmis.experiment.reference import REFERENCE_SEED, cache_path, from_cache
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.progress import Progress
@@ -70,9 +71,10 @@ def measure_evenness(
         See `dmis.experiment.oracle_renders.make_oracle`.
     """
     settings = curve_settings(scene, settings)
-    key = [__version__, fingerprint(scene), spp, seeds, settings_key(settings)]
-    path = cache_path(scene, "evenness", key, folder).with_suffix(".json")
-    if not path.exists():
+    key = {"dmis": __version__, "scene": fingerprint(scene), "spp": spp, "seeds": seeds, **settings_key(settings)}
+    path = cache_path(scene, "evenness", key, folder, ".json")
+    errors = from_cache("evenness", path, key, _read_errors)
+    if errors is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
         settings = replace(settings, sampler="sobol")
@@ -87,9 +89,15 @@ def measure_evenness(
             ]  # fmt: skip
             errors.append(float(np.var(images, axis=0, ddof=1).mean()))
         with replacing(path) as partial:
-            partial.write_text(json.dumps(errors))
-    fewer, error = json.loads(path.read_text())
+            partial.write_text(json.dumps({"key": json.dumps(key), "errors": errors}))
+    fewer, error = errors
     independent = oracle.mean(oracle.variance[HALF]) / spp
     if not (error > 0 and independent > 0):
         raise ValueError("evenness needs an image with noise; got one whose error is 0")
     return Evenness(spp, error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
+
+
+def _read_errors(path: Path) -> tuple[str, list[float]]:
+    """Return the key and the two errors in a file of the cache."""
+    content = json.loads(path.read_text())
+    return content["key"], content["errors"]

@@ -89,7 +89,7 @@ class HalvedOracle(Oracle):
 def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, **options: Any) -> HalvedOracle:
     """Return the oracle of a scene with its halves; arguments are those of `make_oracle`."""
     oracle = make_oracle(scene, spp, settings=settings, **options)
-    rays, parts = read_curves(oracle_path(scene, spp, oracle.patch, settings, options.get("folder")))
+    _, (rays, parts) = read_curves(oracle_path(scene, spp, oracle.patch, settings, options.get("folder")))
     pixels = patch_sum(np.ones(scene.camera.resolution[::-1]), oracle.patch)
     zero = np.broadcast_to(0.0, parts["curve"].shape[1:])
     halves = [PatchCurves(gain_square=zero, pixels=pixels, **{n: a[k] for n, a in parts.items()}) for k in (0, 1)]

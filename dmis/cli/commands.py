@@ -92,7 +92,7 @@ def _compare(options: argparse.Namespace) -> int:
     with progress_bar(options.quiet) as progress:
         of_renders = {"parallel": options.threads, "progress": progress}
         if options.reference is not None:
-            reference = load_reference(options.reference)
+            reference = load_reference(options.reference, scene, make_settings(**expected))
         else:
             reference = make_reference(scene, options.reference_spp, **of_renders, **expected)
         oracle = None

@@ -27,7 +27,7 @@ from dmis.estimator.records import Record, Statistic
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import REFERENCE_SEED, cache_path, render_halves
+from dmis.experiment.reference import KEY, REFERENCE_SEED, cache_path, from_cache, render_halves
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
@@ -43,6 +43,8 @@ LAYOUT = 3
 """Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
 _CURVE_PARTS = ("curve", "pattern", "position")
 """Parts of the variance curves that an oracle's file has, see `dmis.variance.curves.Curves.sums`."""
+_KINDS = {"samples": "oracle", "heuristic": "tilt-oracle"}
+"""Names of the files of oracles, by what w is."""
 EPSILON = 0.01
 """Bound of the denominator of relative errors, as of `dmis.experiment.metrics.relmse`."""
 _SPP = 256
@@ -80,10 +82,12 @@ def make_oracle(
         raise ValueError(f"spp of an oracle must be a multiple of 4, and at least 8: two halves of pairs; got {spp}")
     settings = make_settings(settings, **options)
     check_weigh(weigh, settings.combiner)
-    path = oracle_path(scene, spp, patch, settings, folder, weigh)
+    key = oracle_key(scene, spp, patch, settings, weigh)
+    path = cache_path(scene, _KINDS[weigh], key, folder, ".npz")
     if not scene.plan.mixable:
         raise ValueError(f"an oracle needs a light of two techniques, but scene {scene.name!r} has nothing to mix")
-    if not path.exists():
+    curves = from_cache("oracle", path, key, read_curves)
+    if curves is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
         maps_of_curves = _CurveMaps if weigh == "samples" else _TiltMaps
@@ -93,8 +97,10 @@ def make_oracle(
             rays: Counter[str] = sum((Counter(half.provenance["pilot_rays"]) for half in halves), Counter())
             maps = {name: np.stack([half.maps[name] for half in halves]).astype(np.float32) for name in _CURVE_PARTS}
             with replacing(path) as partial, open(partial, "wb") as archive:
-                np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
-    counted, parts = read_curves(path)
+                texts = {KEY: np.array(json.dumps(key)), "rays": np.array(json.dumps(rays))}
+                np.savez(archive, allow_pickle=False, **texts, **maps)
+        _, curves = read_curves(path)
+    counted, parts = curves
     # V(w) = curve + Var_y(I)
     variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)
     if not variance.any():
@@ -106,16 +112,11 @@ def make_oracle(
     return Oracle(variance, cost, patch, spp, scene.camera.resolution[::-1])
 
 
-def read_curves(path: Path) -> tuple[dict[str, int], dict[str, Array]]:
-    """Return the rays and the parts of the curves of both halves ``(2, ...)`` in a file of the cache.
-
-    A ValueError if the file is damaged.
-    """
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return json.loads(str(arrays["rays"])), {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
-    except Exception as error:  # a damaged archive may raise anything
-        raise ValueError(f"oracle {path} is damaged ({error}); remove it, and it is rendered again") from error
+def read_curves(path: Path) -> tuple[str | None, tuple[dict[str, int], dict[str, Array]]]:
+    """Return the key of a file of the cache, its rays, and the parts of the curves of both halves ``(2, ...)``."""
+    with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+        parts = {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
+        return str(arrays[KEY]) if KEY in arrays else None, (json.loads(str(arrays["rays"])), parts)
 
 
 @dataclass(frozen=True)
@@ -152,17 +153,17 @@ def settings_key(settings: Settings) -> dict[str, Any]:
     return {name: value for name, value in asdict(settings).items() if name not in ("sampler", "reuse_pilot", "preset")}
 
 
+def oracle_key(scene: Scene, spp: int, patch: int, settings: Settings | None, weigh: str = "samples") -> dict[str, Any]:
+    """Return what the curves of an oracle depend on; arguments are those of `make_oracle`."""
+    about = {"dmis": __version__, "layout": LAYOUT, "scene": fingerprint(scene), "spp": spp, "patch": patch}
+    return {**about, "weigh": weigh, **settings_key(curve_settings(scene, settings))}
+
+
 def oracle_path(
-    scene: Scene,
-    spp: int,
-    patch: int,
-    settings: Settings | None,
-    folder: str | os.PathLike[str] | None,
-    weigh: str = "samples",
+    scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None
 ) -> Path:
-    """Return the path of an oracle in the cache; arguments are those of `make_oracle`."""
-    key = [__version__, LAYOUT, fingerprint(scene), spp, patch, settings_key(curve_settings(scene, settings))]
-    return cache_path(scene, "oracle" if weigh == "samples" else "tilt-oracle", key, folder).with_suffix(".npz")
+    """Return the path of an oracle of shares in the cache; arguments are those of `make_oracle`."""
+    return cache_path(scene, _KINDS["samples"], oracle_key(scene, spp, patch, settings), folder, ".npz")
 
 
 def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any) -> tuple[Array, Array]:

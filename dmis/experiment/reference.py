@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings, make_settings
+from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.fit.rule import Rule
 from dmis.image import check_image, read_exr, write_exr
 from dmis.pipeline.checkpoint import UnusableCheckpoint, remove_checkpoint
@@ -34,6 +35,9 @@ from dmis.scene.scene import Scene
 
 REFERENCE_SEED = 2**31
 """First seed of references and oracles, far from the seeds of renders."""
+KEY = "dmis.key"
+"""Attribute of a reference's file, and array of an oracle's: JSON of the key, what the content depends on."""
+Content = TypeVar("Content")
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,20 +131,34 @@ def make_reference(
     spp = whole("spp", spp, 1, MAX_SPP)
     given = make_settings(settings, **options)
     settings = Settings(integrator=given.integrator, max_depth=given.max_depth)
-    key = [fingerprint(scene, expected_image=True), *scene.camera.resolution, spp, rule]
-    key += [] if settings == Settings() else [settings.integrator, settings.max_depth]
-    path = cache_path(scene, f"{spp}spp", key, folder).with_suffix(".exr")
-    if not path.exists():
+    key = {**expected_image_key(scene, settings), "spp": spp, "rule": rule}
+    path = cache_path(scene, f"{spp}spp", key, folder, ".exr")
+    reference = from_cache("reference", path, key, _read_reference)
+    if reference is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_image(path)
         more = {"settings": settings, "sampler": "sobol", "parallel": parallel, "progress": progress}
         with render_halves(path, scene, rule, spp, REFERENCE_SEED, **more) as (first, second):
-            write_exr(path, {"first": first.image, "second": second.image}, {"spp": str(spp)})
-    try:
-        layers, _ = read_exr(path)
-        return Reference(layers["first"], layers["second"], spp)
-    except (ValueError, KeyError) as error:
-        raise ValueError(f"reference {path} is damaged ({error}); remove it, and it is rendered again") from error
+            write_exr(path, {"first": first.image, "second": second.image}, {"spp": str(spp), KEY: json.dumps(key)})
+        reference = Reference(first.image, second.image, spp)
+    return reference
+
+
+def _read_reference(path: Path) -> tuple[str | None, Reference]:
+    """Return the key and the reference in a file of the cache."""
+    layers, attributes = read_exr(path)
+    return attributes.get(KEY), Reference(layers["first"], layers["second"], int(attributes["spp"]))
+
+
+def expected_image_key(scene: Scene, settings: Settings) -> dict[str, Any]:
+    """Return what the expected image of a scene depends on, as the part of a key that all its references share."""
+    settings = resolve_auto(settings, scene)
+    return {
+        "scene": fingerprint(scene, expected_image=True),
+        "resolution": list(scene.camera.resolution),
+        "integrator": settings.integrator,
+        "max_depth": settings.max_depth,
+    }
 
 
 @contextmanager
@@ -166,13 +184,59 @@ def render_halves(
         remove_checkpoint(checkpoint)
 
 
-def cache_path(scene: Scene, kind: str, key: Sequence[Any], folder: str | os.PathLike[str] | None) -> Path:
-    """Return the path of a file of the cache, without its extension; `key` is what its content depends on."""
+def cache_path(
+    scene: Scene, kind: str, key: Mapping[str, Any], folder: str | os.PathLike[str] | None, suffix: str
+) -> Path:
+    """Return the path of a file of the cache, whose content depends on `key`; `suffix` is its extension.
+
+    The hash of the key tells files apart; of the scene's name 64 letters, digits, dots and dashes at most are kept.
+    """
     import hashlib  # imported where used: it brings OpenSSL
 
     width, height = scene.camera.resolution
     digest = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:12]
-    return cache_folder(folder) / f"{scene.name}-{width}x{height}-{kind}-{digest}"
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", scene.name).lstrip(".-")[:64]
+    return cache_folder(folder) / f"{name or 'scene'}-{width}x{height}-{kind}-{digest}{suffix}"
+
+
+def from_cache(
+    kind: str, path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[str | None, Content]]
+) -> Content | None:
+    """Return the content of a file of the cache, or None: it is not there, or an earlier version wrote it without key.
+
+    Parameters
+    ----------
+    kind
+        What messages call the file.
+    read
+        Reads the key in the file, None if it has none, and the content.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, or its key is another one.
+    """
+    if not path.exists():
+        return None
+    try:
+        text, content = read(path)
+    except Exception as error:  # a damaged archive may raise anything
+        raise ValueError(f"{kind} {path} is damaged ({error}); remove it, and it is rendered again") from error
+    if text is None:
+        return None
+    if differences := key_differences(text, key):
+        raise ValueError(f"{kind} {path} is of something else: {differences}. Remove it, and it is rendered again")
+    return content
+
+
+def key_differences(text: str, key: Mapping[str, Any]) -> str:
+    """Return which values of `key` are others in the JSON text of the key that a file has stored; "" if none is."""
+    try:
+        stored = dict(json.loads(text))
+    except (ValueError, TypeError):
+        return f"its key is not readable, {text[:40]!r}"
+    here = json.loads(json.dumps(key))  # lists in the place of tuples
+    return "; ".join(f"{name} is {stored.get(name)}, not {v}" for name, v in here.items() if stored.get(name) != v)
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
@@ -181,22 +245,24 @@ def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     return Path(folder or os.environ.get("DMIS_CACHE") or Path(home) / "dmis")
 
 
-def load_reference(path: Path) -> Reference:
+def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
     """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
 
-    A FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels. Whether it
-    is an image of what is compared, `dmis.experiment.alarm` finds out.
+    A FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels, or was
+    made by `make_reference` of another scene than `scene`, or with another integrator or depth than `settings`. Whether
+    other files are images of what is compared, `dmis.experiment.alarm` finds out.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
     layers: dict[str, Array] = {}
+    attributes: dict[str, str] = {}
     if path.suffix == ".npy":
         try:  # no pickles, no memory for a wrong header
             layers["RGB"] = np.lib.format.open_memmap(path, mode="r")
         except Exception as error:  # a damaged header may raise anything
             raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
     else:
-        layers, _ = read_exr(path)
+        layers, attributes = read_exr(path)
     first = layers.get("first", layers.get("RGB"))
     second = layers.get("second", first)
     for half in (first, second):
@@ -204,4 +270,10 @@ def load_reference(path: Path) -> Reference:
             what = "an image of three channels, or halves first and second, of finite numbers"
             raise ValueError(f"reference {path} must hold {what}")
     assert first is not None and second is not None
+    if scene is not None and KEY in attributes:
+        expected = expected_image_key(scene, settings or Settings())
+        if differences := key_differences(attributes[KEY], expected):
+            raise ValueError(
+                f"reference {path} is of another image: {differences}. Leave it out, and dmis renders a reference"
+            )
     return Reference(np.array(first), np.array(second), 0)
