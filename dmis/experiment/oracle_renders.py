@@ -31,7 +31,7 @@ from dmis.experiment.reference import KEY, REFERENCE_SEED, cache_path, from_cach
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
-from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.fingerprint import fingerprint, sampling_hashes
 from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render
@@ -150,7 +150,8 @@ def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
 
 def settings_key(settings: Settings) -> dict[str, Any]:
     """Return the settings that variance curves depend on, by name, as a part of the key of a cached file."""
-    return {name: value for name, value in asdict(settings).items() if name not in ("sampler", "reuse_pilot", "preset")}
+    values = {name: v for name, v in asdict(settings).items() if name not in ("sampler", "reuse_pilot", "preset")}
+    return {**values, **sampling_hashes("independent", settings.techniques)}
 
 
 def oracle_key(scene: Scene, spp: int, patch: int, settings: Settings | None, weigh: str = "samples") -> dict[str, Any]:

@@ -31,7 +31,7 @@ from dmis.experiment.runs import PINNED, Budget, Run
 from dmis.fit.registry import make_rule
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
-from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
+from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
 
@@ -100,9 +100,8 @@ class Results:
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = ()) -> None:
-        # hashes of the options of rules, and of classes that dmis does not ship
         self.folder, self._path = folder, folder / "results.csv"
-        self.about = {**about, "rules": {rule: digest(make_rule(rule), f"rule {rule}") for rule in rules}}
+        self.about = {**about, "rules": {rule: _rule_hash(rule, about) for rule in rules}}
         folder.mkdir(parents=True, exist_ok=True)
         self.runs = self._read() if self._path.exists() else []
         lines = [_line(COLUMNS), *map(self._row, self.runs)]
@@ -165,7 +164,10 @@ class Results:
             raise self._refuse("has no readable comparison.json with the conditions of its measurement") from error
         rules = before.get("rules", {})
         if changed := [name for name, now in self.about["rules"].items() if rules.get(name, now) != now]:
-            raise self._refuse(f"was measured with another rule {', '.join(changed)}: its options or its class changed")
+            raise self._refuse(
+                f"was measured with another rule {', '.join(changed)}: its options or its class changed, or its "
+                f"sampler or techniques"
+            )
         self.about["rules"] = rules | self.about["rules"]
         now = {name: value for name, value in self.about.items() if name != "rules"}
         differences = [f"{k} was {before.get(k)}, now is {v}" for k, v in now.items() if before.get(k) != v]
@@ -175,6 +177,13 @@ class Results:
     def _refuse(self, reason: str) -> ValueError:
         """Return the error that refuses the table."""
         return ValueError(f"{self._path} {reason}; remove it, or choose another directory")
+
+
+def _rule_hash(text: str, about: Mapping[str, Any]) -> str:
+    """Return a hash of a rule's options, and of code that dmis does not ship: its class, sampler and techniques."""
+    rule = make_rule(text)
+    settings = {**about, **rule.settings}
+    return digest([rule, sampling_hashes(settings["sampler"], settings["techniques"])], f"rule {text}")
 
 
 def _line(cells: Iterable[str]) -> str:

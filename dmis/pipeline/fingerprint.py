@@ -1,8 +1,8 @@
 """A scene's fingerprint: the key of caches and checkpoints.
 
 Fields and arrays enter by content. What is shipped enters by name, and `MEANING` stands for its code. A class or
-function of one's own enters by the text of the file, or of the cell of a notebook, that defines it. What is imported
-from other files, and what a notebook defines in other cells, does not enter.
+function of one's own enters by the text of the file, or of the cell of a notebook, that defines it: a lobe, a rule, a
+sampler, a technique. What is imported from other files, and what a notebook defines in other cells, does not enter.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import inspect
 import linecache
 import re
 import sys
-from collections.abc import Mapping, Set
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType
@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.estimator.technique import technique_by_name
+from dmis.samplers.streams import SAMPLERS
 from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
 
 if TYPE_CHECKING:
@@ -85,6 +87,16 @@ def digest(value: Any, name: str = "value") -> str:
         return hashlib.sha256(_text(value, name).encode()).hexdigest()[:16]
     except RecursionError:
         raise ValueError(f"{name} must not contain itself, because it is walked to the end") from None
+
+
+def sampling_hashes(sampler: str, techniques: Iterable[str]) -> dict[str, str]:
+    """Return hashes of the sampler and the techniques of these names, by kind and name.
+
+    A ValueError if one that is not shipped has no fingerprint, see `digest`.
+    """
+    named: dict[str, Any] = {f"sampler {sampler}": SAMPLERS.get(sampler)}  # there is none called auto
+    named |= {f"technique {name}": technique_by_name(name) for name in techniques}
+    return {name: digest(value, name) for name, value in named.items()}
 
 
 @functools.cache

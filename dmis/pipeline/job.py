@@ -23,7 +23,7 @@ from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, pilot_settings
 from dmis.fit.rule import Rule, merge_settings, rule_text
 from dmis.fit.sample_numbers import LEVELS
-from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
+from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning
 
@@ -108,11 +108,12 @@ class Job:
 
     @property
     def key(self) -> dict[str, Any]:
-        """Key of a checkpoint: the provenance, the rule's content, the layout of tiles and the code.
+        """Key of a checkpoint: the provenance; rule, sampler and techniques by content; the layout of tiles; the code.
 
-        A ValueError if the scene or the rule has no fingerprint.
+        A ValueError if the scene or one of these has no fingerprint.
         """
         hashes = {"scene_hash": fingerprint(self.given_scene), "rule_hash": digest(self.rule, "rule")}
+        hashes |= sampling_hashes(self.settings.sampler, self.settings.techniques)
         return {**self.provenance, **hashes, "tiles": layout(self.settings), "package_hash": package_hash()}
 
 
