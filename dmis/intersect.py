@@ -45,6 +45,11 @@ class Hits:
         """Return the hits `index`."""
         return Hits(*(a.take(index) for a in (self.prim, self.u, self.v, self.distance)))
 
+    def replace(self, index: np.ndarray, hits: Hits) -> None:
+        """Put `hits` in the place of the hits `index`."""
+        for name in ("prim", "u", "v", "distance"):
+            getattr(self, name)[index] = getattr(hits, name)
+
 
 class RayCaster(Protocol):
     """Protocol of `Intersector` and of what wraps it."""

@@ -11,10 +11,13 @@ import numpy as np
 from dmis.base.validate import number
 from dmis.base.vectors import Array, Index
 from dmis.brdf.texture import Image, check_values
-from dmis.intersect import Hits, RayCaster
+from dmis.intersect import Hits, Intersector, RayCaster
+from dmis.light.coincident import lamp_triangles, two_sided
 
 MAX_HOLES = 1000
 """Most holes in surfaces that one ray passes."""
+ROUNDING = 2.0**-23
+"""Rounding of a position on a ray, over the largest coordinate of the ray's origin and the distance from it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +60,52 @@ def _chance(hits: Hits, direction: Array) -> Array:
     return ((mixed * np.uint32(0x85EBCA6B)) >> np.uint32(8)) * np.float32(2**-24)
 
 
+def make_caster(parts: Sequence[Any], uv: Callable[[Index], Array]) -> RayCaster:
+    """Return Embree over all triangles of `parts`, in order, whose rays pass the holes of masks; see `MaskedCaster`."""
+    caster = _embree(parts)
+    masked = [part.mask is not None for part in parts]
+    if not any(masked):
+        return caster
+    number = np.flatnonzero(~np.repeat(masked, [len(part.mesh.faces) for part in parts]))
+    solid = Renumbered(_embree([part for part in parts if part.mask is None]), number)
+    return MaskedCaster(caster, solid, parts, uv)
+
+
+def _embree(parts: Sequence[Any]) -> RayCaster:
+    """Return Embree over `parts`, which tells lamps back to back apart; without parts, one that no ray meets."""
+    if not parts:
+        return Intersector(np.zeros((3, 3)), np.array([[0, 1, 2]]))  # a triangle without area
+    offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts)])
+    vertices = np.concatenate([part.mesh.vertices for part in parts], dtype=np.float32)
+    faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(parts, offsets, strict=False)])
+    return two_sided(Intersector(vertices, faces), *lamp_triangles(parts)[:2])
+
+
+class Renumbered:
+    """Ray caster over some triangles of a scene, those of the numbers `number` ``(K,)``, by which it reports them."""
+
+    def __init__(self, caster: RayCaster, number: Index) -> None:
+        self._caster, self.occluded = caster, caster.occluded
+        self._number = np.append(number, -1).astype(np.int32)  # the last one is that of a miss
+
+    def closest(self, origin: Array, direction: Array) -> Hits:
+        """See `Intersector.closest`."""
+        hits = self._caster.closest(origin, direction)
+        return Hits(self._number.take(hits.prim), hits.u, hits.v, hits.distance)
+
+
 class MaskedCaster:
-    """Ray caster whose rays pass the holes of `parts`, begun again `step` behind them, more than the rounding of
-    positions; rays that meet none cost nothing more.
+    """Ray caster whose rays pass the holes of `parts`; rays that meet none cost nothing more.
+
+    A ray that meets a hole is traced once more by `solid`, over the triangles without a mask, so that it meets what is
+    behind the hole, however close. Masks behind the hole are met by rays over all triangles, by `caster`, that begin
+    behind it by the rounding of positions.
 
     `uv` returns the texture coordinates of triangles as columns ``(6, N)``, see `dmis.scene.triangle_tables.Tables`.
     """
 
-    def __init__(self, caster: RayCaster, parts: Sequence[Any], uv: Callable[[Index], Array], step: float) -> None:
-        self._caster, self._uv, self._step = caster, uv, np.float32(step)
+    def __init__(self, caster: RayCaster, solid: RayCaster, parts: Sequence[Any], uv: Callable[[Index], Array]) -> None:
+        self._caster, self._solid, self._uv = caster, solid, uv
         self._masks = list({id(part.mask): part.mask for part in parts if part.mask is not None}.values())
         numbers = [-1 if part.mask is None else self._masks.index(part.mask) for part in parts]
         # the last one is that of a miss
@@ -73,20 +113,11 @@ class MaskedCaster:
         uv(np.empty(0, np.int64))  # makes the table before threads ask for it
 
     def closest(self, origin: Array, direction: Array) -> Hits:
-        """See `Intersector.closest`; a ray meets the last of `MAX_HOLES` holes, behind which it is not followed."""
+        """See `Intersector.closest`; behind `MAX_HOLES` holes a ray meets only triangles without a mask."""
         hits = self._caster.closest(origin, direction)
         ray = self._holes(hits, direction)
         if len(ray):
-            hits = Hits(*(a.copy() for a in (hits.prim, hits.u, hits.v, hits.distance)))
-        for _ in range(MAX_HOLES):
-            if not len(ray):
-                break
-            start, along = hits.distance[ray] + self._step, direction[:, ray]
-            beyond = self._caster.closest(origin[:, ray] + along * start, along)
-            beyond.distance = np.where(beyond.prim < 0, beyond.distance, beyond.distance + start)
-            for name in ("prim", "u", "v", "distance"):
-                getattr(hits, name)[ray] = getattr(beyond, name)
-            ray = ray[self._holes(beyond, along)]
+            hits.replace(ray, self._pass_holes(hits.take(ray), origin[:, ray], direction[:, ray]))
         return hits
 
     def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
@@ -97,6 +128,28 @@ class MaskedCaster:
             hits = self.closest(origin[:, ray], direction[:, ray])
             blocked[ray] = (hits.prim >= 0) & (hits.distance < distance[ray])
         return blocked
+
+    def _pass_holes(self, hole: Hits, origin: Array, direction: Array) -> Hits:
+        """Return what rays that meet holes, `hole` ``(N,)``, meet behind them."""
+        hits = self._solid.closest(origin, direction)
+        grain = np.float32(ROUNDING) * np.abs(origin).max(axis=0)
+        ray = np.arange(len(grain))
+        for _ in range(MAX_HOLES):
+            start = hole.distance * np.float32(1 + ROUNDING) + grain[ray]
+            index = np.flatnonzero(start < hits.distance[ray])
+            ray, hole, start = ray[index], hole.take(index), start[index]
+            if not len(ray):
+                break
+            along = direction[:, ray]
+            beyond = self._caster.closest(origin[:, ray] + along * start, along)
+            beyond.distance = beyond.distance + start
+            is_hole = beyond.prim == hole.prim  # met again, because positions are rounded
+            is_hole[self._holes(beyond, along)] = True
+            nearer = (beyond.prim >= 0) & (beyond.distance < hits.distance[ray])
+            surface, index = np.flatnonzero(nearer & ~is_hole), np.flatnonzero(nearer & is_hole)
+            hits.replace(ray[surface], beyond.take(surface))
+            ray, hole = ray[index], beyond.take(index)
+        return hits
 
     def _holes(self, hits: Hits, direction: Array) -> Index:
         """Return the numbers of the rays along `direction` that met a hole."""

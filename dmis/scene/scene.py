@@ -20,8 +20,7 @@ from dmis.base.vectors import TINY, Array, Index, Selection, columns, dot, norma
 from dmis.brdf.mipmap import averaged
 from dmis.brdf.texture import Image
 from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
-from dmis.intersect import Hits, Intersector, RayCaster
-from dmis.light.coincident import lamp_triangles, two_sided
+from dmis.intersect import Hits, RayCaster
 from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
@@ -29,7 +28,7 @@ from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts
 from dmis.scene.footprint import texture_steps
 from dmis.scene.groups import NO_GROUP, Group, Part
-from dmis.scene.masks import MaskedCaster
+from dmis.scene.masks import make_caster
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
 from dmis.scene.rescale import rescale, units
@@ -240,13 +239,7 @@ class Scene:
     def intersector(self) -> RayCaster:
         """Embree over all triangles of all parts, in order; of lamps back to back it reports the one that is met, and
         it traces rays on through the holes of masks."""
-        offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in self.parts)])
-        vertices = np.concatenate([part.mesh.vertices for part in self.parts], dtype=np.float32)
-        faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(self.parts, offsets, strict=False)])
-        caster = two_sided(Intersector(vertices, faces), *lamp_triangles(self.parts)[:2])
-        if all(part.mask is None for part in self.parts):
-            return caster
-        return MaskedCaster(caster, self.parts, lambda prim: columns(self.tables.uv, prim), float(self.epsilon))
+        return make_caster(self.parts, lambda prim: columns(self.tables.uv, prim))
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from dmis.geometry.shapes import quad
 from dmis.intersect import Intersector
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.scene.groups import Part
-from dmis.scene.masks import Mask, MaskedCaster
+from dmis.scene.masks import Mask, MaskedCaster, Renumbered
 from dmis.testing.scenes import ABOVE, box_scene
 
 BOARD = dmis.Image(np.array([[[1.0], [0.0]], [[0.0], [1.0]]]), scale=(2, 2), nearest=True)
@@ -66,14 +66,65 @@ def test_holes_behind_holes():
     assert not scene.intersector.occluded(origin + 1.5 * up, up, np.array([3.4], np.float32))[0]
 
 
+def slanted_rays(slope, count=20_000):
+    """Return rays of this slope towards points of a slanted square, and a function: the square, so far above."""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-0.9, 0.9, (2, count))
+    normal = normalise(np.array([[-0.05], [-0.25], [1]]))
+    across = rng.normal(size=(3, count))
+    direction = normalise(normalise(across - normal * (normal * across).sum(axis=0)) - slope * normal)
+    origin = np.stack([x, y, 1 + 0.05 * x + 0.25 * y]) - direction * rng.uniform(0.5, 2, count)
+    return (
+        *(a.astype(np.float32) for a in (origin, direction)),
+        lambda z: quad((-1, -1, 0.7 + z), (2, 0, 0.1), (0, 2, 0.5)),
+    )
+
+
+HOLE, WHOLE = (Mask(dmis.Image(np.full((1, 1, 1), value))) for value in (0.0, 1.0))
+
+
+@pytest.mark.parametrize("slope", [1, 0.05])
+@pytest.mark.parametrize(("gap", "mask"), [(0, None), (1e-7, None), (1e-6, None), (1e-6, WHOLE)])
+def test_surface_close_behind_a_hole_is_met(gap, mask, slope):
+    """However close it is; behind a mask, too, if floats tell the two apart."""
+    origin, direction, square = slanted_rays(slope)
+    parts = Part(square(gap), dmis.matte(), mask=HOLE), Part(square(0), dmis.matte(), mask=mask)
+    scene = box_scene(extra=parts)
+    last = sum(len(part.mesh.faces) for part in scene.parts) - 2
+    hits = scene.intersector.closest(origin, direction)
+    assert (hits.prim >= last).all() and (hits.distance < 2.001).all()
+    assert scene.intersector.occluded(origin, direction, hits.distance * np.float32(1.01)).all()
+    assert not scene.intersector.occluded(origin, direction, hits.distance * np.float32(0.99)).any()
+
+
+def test_hole_that_is_met_again_is_passed():
+    """Half of the rays along a sheet of opacity 1/2 pass: a ray begun again that meets it again is not drawn again."""
+    origin, direction, square = slanted_rays(0.05)
+    half = Mask(dmis.Image(np.full((1, 1, 1), 0.5)), None)
+    scene = box_scene(extra=(Part(square(0), dmis.matte(), mask=half),))
+    last = sum(len(part.mesh.faces) for part in scene.parts) - 2
+    passed = scene.intersector.closest(origin, direction).prim < last
+    assert abs(passed.mean() - 0.5) < Z_LIMIT * np.sqrt(0.25 / len(passed))
+
+
+def test_only_masked_parts():
+    """Rays through holes in all that there is meet nothing."""
+    origin, direction, square = slanted_rays(1, 100)
+    sheets = tuple(Part(square(-k), dmis.matte(), mask=HOLE) for k in range(3))
+    scene = dmis.Scene(box_scene().camera, sheets, (dmis.EnvironmentLight(np.ones((1, 1, 3))),))
+    hits = scene.intersector.closest(origin, direction)
+    assert (hits.prim == -1).all() and (hits.distance == np.float32(1e37)).all()
+
+
 def test_brute_force_sees_the_same_holes():
     scene = board()
     mesh = concatenate([part.mesh for part in scene.parts])
-    embree, brute = (
-        scene.intersector,
-        MaskedCaster(BruteForce(mesh.vertices, mesh.faces), scene.parts, scene.intersector._uv, float(scene.epsilon)),
+    number = np.flatnonzero(
+        ~np.repeat([p.mask is not None for p in scene.parts], [len(p.mesh.faces) for p in scene.parts])
     )
-    a, b = (caster.closest(*rays(500)) for caster in (embree, brute))
+    solid = Renumbered(BruteForce(mesh.vertices, mesh.faces[number]), number)
+    brute = MaskedCaster(BruteForce(mesh.vertices, mesh.faces), solid, scene.parts, scene.intersector._uv)
+    a, b = (caster.closest(*rays(500)) for caster in (scene.intersector, brute))
     assert (~np.isclose(a.distance, b.distance, rtol=1e-4, atol=1e-5)).sum() <= 1
 
 
