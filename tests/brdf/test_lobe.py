@@ -81,16 +81,6 @@ def test_anisotropic_exponent_u_lies_along_dpdu() -> None:
 # Fresnel ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("eta", [1.5, 1 / 1.5, 1.0, 2.4])
-def test_dielectric_closed_forms(eta: float) -> None:
-    """``((eta-1)/(eta+1))^2`` straight on, 0 for light polarised in the plane at Brewster's angle, 1 at grazing."""
-    np.testing.assert_allclose(dielectric(np.float32([1]), np.float32(eta)), ((eta - 1) / (eta + 1)) ** 2, atol=1e-6)
-    np.testing.assert_allclose(dielectric(np.float32([0]), np.float32(eta)), 1)
-    brewster = np.cos(np.arctan(eta))  # there only the perpendicular half is reflected
-    perpendicular = ((1 - eta**2) / (1 + eta**2)) ** 2
-    np.testing.assert_allclose(dielectric(np.float32([brewster]), np.float32(eta)), perpendicular / 2, atol=1e-6)
-
-
 def test_dielectric_is_the_same_from_both_sides() -> None:
     """Reflectance at an angle inside equals that at its refracted angle outside (Stokes)."""
     outside = np.cos(np.radians(np.linspace(0, 85, 18))).astype(np.float32)
