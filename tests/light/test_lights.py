@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 from helpers import Z_LIMIT, pickled
 
-from dmis.base.vectors import Array, frame
+from dmis.base.color import LUMINANCE
+from dmis.base.vectors import Array, frame, normalise
+from dmis.brdf.texture import Image
 from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
+from dmis.light.selection import select_lights
+from dmis.samplers.warp import square_to_sphere
 from dmis.testing.light import check_light
 from dmis.testing.outcome import require
 from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
@@ -26,13 +30,14 @@ ONE_TEXEL = np.zeros((8, 16, 3))
 ONE_TEXEL[2, 5] = (10.0, 20.0, 5.0)
 BENT = np.array([[-0.3, -0.4, 2.0], [0.9, -0.4, 1.8], [0.9, 0.6, 2.1], [-0.3, 0.7, 1.7]])
 """Corners of two triangles at an angle, both facing the origin, with the common edge 0-2."""
+BENT_FACES = np.array([[0, 2, 1], [0, 3, 2]])
 
 LIGHTS = {
     "disk": DiskLight((0.3, -0.5, 2.0), (0.2, 0.1, -1.0), 0.8, WHITE),
     "quad": QuadLight((0.5, -1.0, 1.5), (0.3, 1.5, 0.2), (1.2, 0.3, -0.1), WHITE),
     "sphere": SphereLight((0.4, 0.8, 1.6), 0.7, WHITE),
     "near sphere": SphereLight((0.0, 0.0, 1.0), 0.99, WHITE),
-    "mesh": MeshLight(BENT, np.array([[0, 2, 1], [0, 3, 2]]), WHITE),
+    "mesh": MeshLight(BENT, BENT_FACES, WHITE),
     "sky": EnvironmentLight(RANDOM_SKY),
     "tilted sky": EnvironmentLight(RANDOM_SKY, TILT, (2.0, 1.0, 0.5)),
     "one texel": EnvironmentLight(ONE_TEXEL),
@@ -104,6 +109,46 @@ def test_closed_mesh_shines_outwards() -> None:
     np.testing.assert_allclose(met.emits.mean(), 1, atol=1e-3)
 
 
+def test_a_sphere_is_dark_from_inside() -> None:
+    """Neither light samples nor given directions meet a sphere around the receiver, be it one of many lights or not."""
+    light = SphereLight((0.0, 0.0, 0.1), 1.0, WHITE)
+    p, u = columns(np.array((0.3, 0.2, 0.0)), 500), uniforms(500)
+    for of in (light, select_lights("even", (light.pieces(),))):
+        for light_sample in (of.sample(p, u), of.hit(p, square_to_sphere(u))):
+            assert not light_sample.emits.any() and not light_sample.pdf.any()
+
+
+def test_a_mesh_shows_its_picture() -> None:
+    """At points of its triangles by their coordinates, and samples have the integrals of what directions meet."""
+    rng, picture = np.random.default_rng(3), Image(np.random.default_rng(4).random((3, 5, 3)), wrap="clamp")
+    uv, places = np.array([[0, 0], [1, 0], [1, 0.6], [0, 0.9]]), rng.dirichlet((1, 1, 1), 500)
+    light = MeshLight(BENT, BENT_FACES, picture, uv)
+    for face in BENT_FACES:
+        wi = normalise((places @ BENT[face]).T.astype(np.float32))
+        expected = picture((places @ uv[face]).T.astype(np.float32))
+        np.testing.assert_allclose(light.hit(np.zeros_like(wi), wi).radiance, expected, atol=1e-4)
+    w, solid_angle = sphere_rule(rings=1000, sectors=500)
+    met = light.hit(np.zeros_like(w), w)
+    assert (met.pdf * met.emits).astype(float) @ solid_angle == pytest.approx(1, rel=0.01)
+    light_sample = light.sample(np.zeros((3, 2**16), np.float32), uniforms(2**16))
+    values, expected = light_sample.radiance / light_sample.pdf, (met.radiance * met.emits).astype(float) @ solid_angle
+    assert (abs(values.mean(axis=1) - expected) < Z_LIMIT * values.std(axis=1) / 256 + 0.01 * expected).all()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_triangles_of_a_picture_are_sampled_by_their_light(dark: bool) -> None:
+    """Area times the sum of mean luminance and a tenth of that of all, here of a second triangle that may be black."""
+    corners = BENT[BENT_FACES]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    luminance = np.array([1.0, 0.0 if dark else 1.0])
+    picture = Image(luminance[None, :, None] * [0.9, 0.8, 0.7], wrap="clamp", nearest=True)
+    light = MeshLight(BENT, BENT_FACES, picture, np.array([[0.5, 0.5], [0, 0.5], [0.5, 0.5], [1, 0.5]]))
+    wi = normalise(corners.mean(axis=1).T.astype(np.float32))
+    weight = luminance + 0.1 * np.average(luminance, weights=area)
+    ratio = light.hit(columns(np.zeros(3), 2), wi).pdf / LIGHTS["mesh"].hit(columns(np.zeros(3), 2), wi).pdf
+    np.testing.assert_allclose(ratio, weight / np.average(weight, weights=area), rtol=1e-4)
+
+
 # Environment --------------------------------------------------------------------------------------------------------
 
 
@@ -144,6 +189,35 @@ def test_environment_density_of_a_constant_map() -> None:
     np.testing.assert_allclose(pdf, 1 / (2 * np.pi**2 * np.sin(theta).mean()), rtol=1e-5)
 
 
+@pytest.mark.parametrize("share", [None, 0.6])
+def test_environment_density_by_hand(share: float | None) -> None:
+    """A texel has the mean luminance of its interpolant times the sine at its middle; compensated, what is above the
+    mean of the sky.
+    """
+    sky = EnvironmentLight(RANDOM_SKY, compensation=share)
+    theta, phi = np.meshgrid((np.arange(64) + 0.5) * np.pi / 64, (np.arange(128) + 0.5) * np.pi / 64, indexing="ij")
+    w = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]).astype(np.float32)
+    luminance = (LUMINANCE @ sky.radiance(w.reshape(3, -1))).reshape(8, 8, 16, 8).mean(axis=(1, 3))
+    sine = np.sin((np.arange(8) + 0.5) * np.pi / 8)[:, None].repeat(16, axis=1)
+    plain = luminance * sine
+    above = np.maximum(luminance - np.average(luminance, weights=sine), 0) * sine
+    expected = (1 - (share or 0)) * plain / plain.sum() + (share or 0) * above / above.sum()
+    at = np.ascontiguousarray(w[:, 3::8, 3::8].reshape(3, -1))
+    density = sky.hit(np.zeros_like(at), at).pdf * 2 * np.pi**2 * np.hypot(at[0], at[1])
+    np.testing.assert_allclose(density, expected.ravel() * 128, rtol=1e-4)
+
+
+def test_compensated_skies_have_tables_of_their_own() -> None:
+    """Although the plain sky has made its own before."""
+    sky, p = EnvironmentLight(RANDOM_SKY), columns(np.zeros(3), 500)
+    sky.sample(p, uniforms(500))
+    samples = (
+        light.sample(p, uniforms(500))
+        for light in (sky.compensated(0.6), EnvironmentLight(RANDOM_SKY, compensation=0.6))
+    )
+    np.testing.assert_array_equal(*(light_sample.wi for light_sample in samples))
+
+
 def test_environment_covers_what_it_shows() -> None:
     """The density is positive wherever the interpolated radiance is, and `emits` says so."""
     w, _ = sphere_rule(rings=200, sectors=100)
@@ -152,6 +226,29 @@ def test_environment_covers_what_it_shows() -> None:
         bright = np.broadcast_to(light_sample.radiance, w.shape).max(axis=0) > 1e-6
         assert (light_sample.pdf[bright] > 0).all() and light_sample.emits[bright].all()
     assert not np.broadcast_to(LIGHTS["black sky"].radiance(w), w.shape).any()
+
+
+@pytest.mark.parametrize("pole", [0, 180])
+def test_environment_density_near_the_poles(pole: float) -> None:
+    """Within a texel it is one over the sine of the polar angle, for given directions and for samples."""
+    w = np.stack([polar(abs(pole - away), 40) for away in (11.0, 1.0, 1e-2, 1e-4)], axis=1).astype(np.float32)
+    density = LIGHTS["sky"].hit(columns(np.zeros(3), 4), w).pdf * np.hypot(w[0], w[1])
+    np.testing.assert_allclose(density, density[0], rtol=1e-5)
+    v = np.float32([1e-5, 1e-3, 0.1, 0.5])
+    u = np.stack([np.full(4, 1 - 1e-6 if pole else 0.0), 1 - v if pole else v]).astype(np.float32)
+    light_sample = LIGHTS["sky"].sample(columns(np.zeros(3), 4), u)
+    met = LIGHTS["sky"].hit(columns(np.zeros(3), 4), light_sample.wi)
+    np.testing.assert_allclose(light_sample.pdf, met.pdf, rtol=0.05)  # pi is rounded by 9e-8, and the angle is 4e-6
+
+
+def test_environment_samples_reach_dark_texels() -> None:
+    """Beside a sun 224 texels share 2^-22 of the first number, of which float32 has four values there."""
+    texels = np.ones((16, 32, 1))
+    texels[8, 3] = 1e9
+    u = np.stack([np.repeat(np.arange(4) * 2.0**-24, 2**12), np.tile(np.linspace(0, 1 - 2**-12, 2**12), 4)])
+    x, y, z = EnvironmentLight(texels).sample(np.zeros((3, 2**14), np.float32), u.astype(np.float32)).wi
+    texel = np.stack([np.arctan2(y, x) % (2 * np.pi) * 16 / np.pi, np.arccos(z) * 16 / np.pi]).astype(int)
+    assert len(np.unique(texel[:, texel[1] < 7], axis=1).T) == 224
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, -1e-8, 0), (1e-8, 0, 1)])
@@ -179,7 +276,10 @@ def test_environment_search_is_a_binary_search() -> None:
 
 def test_point_by_hand() -> None:
     """``I / d^2`` from the direction of the light, distance d, always in sight."""
-    light_sample = PointLight((1, 2, 3), (4, 8, 12)).sample(columns(np.array((1.0, 2.0, 1.0))))
+    light = PointLight((1, 2, 3), (4, 8, 12))
+    light_sample = light.sample(columns(np.array((1.0, 2.0, 1.0))))
+    assert light.brightness(10.0) == pytest.approx(0.12)
+    assert light.is_at(np.array([1, 2, 3 + 1e-6]), 0) and not light.is_at(np.array([1, 2, 3 + 1e-3]), 1e-6)
     np.testing.assert_allclose(light_sample.radiance, [[1], [2], [3]], rtol=1e-6)
     np.testing.assert_allclose(light_sample.wi, [[0], [0], [1]], atol=1e-7)
     assert light_sample.distance == pytest.approx(2) and light_sample.emits.all() and (light_sample.pdf == 1).all()

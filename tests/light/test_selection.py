@@ -36,7 +36,7 @@ DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def lamp(rng: np.random.Generator, kind: int, low: float = 0.03, high: float = 0.2) -> AreaLight:
-    """A lamp of random place, size, direction and colour: a disk, sphere, quad, or a mesh, closed or not."""
+    """A lamp of random place, size, direction and colour: a disk, sphere, quad, or a mesh of some kind."""
     centre, radius = rng.uniform([-1.5, -1.5, 0.3], [1.5, 1.5, 2.5]), rng.uniform(low, high)
     colour, normal = tuple(np.exp(rng.normal(size=3))), rng.normal(size=3) + DOWN
     if kind == 0:
@@ -51,6 +51,9 @@ def lamp(rng: np.random.Generator, kind: int, low: float = 0.03, high: float = 0
     if kind == 4:
         bent = centre + radius * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0.4], [0, -1, 0]])
         return MeshLight(bent, np.array([[0, 2, 1], [0, 3, 2]]), colour)
+    if kind == 5:
+        flat = centre + radius * np.cross(normal / np.linalg.norm(normal), np.eye(3))
+        return MeshLight(flat, np.array([[0, 1, 2], [0, 2, 1]]), colour)
     mesh = sphere(radius, segments=6).transformed(translate(centre))
     return MeshLight(mesh.vertices, mesh.faces, colour)
 
@@ -172,9 +175,9 @@ def test_select_agrees_with_probability(name: str, count: int, monkeypatch: pyte
 
 
 def test_tree_selects_whatever_may_give_light() -> None:
-    """No piece whose sample emits towards the upper side of a surface has the probability 0."""
+    """No piece whose sample emits towards the upper side of a surface has the probability 0; all together have 1."""
     rng = np.random.default_rng(5)
-    light = composite("tree", tuple(lamp(rng, k % 5) for k in range(60)))
+    light = composite("tree", tuple(lamp(rng, k % 6) for k in range(60)))
     count, total = len(light.pieces.area), 0
     for k in range(400):
         p, ng = columns(rng.uniform(-2, 2, 3) * 10 ** (k % 3), count), columns(rng.normal(size=3), count)
@@ -182,7 +185,7 @@ def test_tree_selects_whatever_may_give_light() -> None:
         sample = light.pieces.sample(np.arange(count), p, rng.random((2, count), np.float32))
         lit = sample.emits & ((ng * sample.wi).sum(axis=0) > 1e-6)
         probability = light.selection.probability(p, ng, np.arange(count))
-        assert (probability[lit] > 0).all()
+        assert (probability[lit] > 0).all() and abs(probability.sum() - probability.any()) < 1e-5
         total += np.count_nonzero(lit)
     assert total > 1000
 

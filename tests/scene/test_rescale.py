@@ -20,6 +20,12 @@ LIGHTS = (
     dmis.QuadLight((-0.5, -0.5, 2.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (5.0, 4.0, 3.0)),
     dmis.SphereLight((-1.0, 1.0, 1.5), 0.25, (9.0, 9.0, 9.0)),
     dmis.MeshLight(np.array([[0, 0, 3.0], [0, 1, 3], [1, 0, 3]]), np.array([[0, 1, 2]]), (4.0, 4.0, 4.0)),
+    dmis.MeshLight(
+        np.array([[0, 2, 3.0], [0, 3, 3], [1, 2, 3]]),
+        np.array([[0, 1, 2]]),
+        dmis.Image(np.array([[[0.5, 1.0, 2.0], [4.0, 2.0, 1.0]]], np.float32)),
+        np.eye(3)[:, :2],
+    ),
     dmis.PointLight((1.0, -1.0, 2.0), (1.0, 2.0, 3.0)),
     dmis.SpotLight((0.0, 0.0, 3.0), (0.1, 0.2, -1.0), (5.0, 5.0, 5.0)),
     dmis.DistantLight((1.0, 1.0, 2.0), (0.5, 0.4, 0.3)),
@@ -42,8 +48,12 @@ def zoo(length: float = 1.0, offset: float = 0.0, gain: float = 1.0) -> Scene:
                 changes[name] = np.asarray(getattr(light, name)) * length
         for name, factor in (("radiance", gain), ("scale", gain), ("intensity", gain * length**2)):
             if name in light.__dataclass_fields__:
-                changes[name] = np.asarray(getattr(light, name)) * factor
-        lights.append(replace(light, **{k: v if v.ndim else float(v) for k, v in changes.items()}))
+                value = getattr(light, name)
+                changes[name] = np.asarray(value.texels if isinstance(value, dmis.Image) else value) * factor
+        changes = {k: v if v.ndim else float(v) for k, v in changes.items()}
+        if isinstance(getattr(light, "radiance", None), dmis.Image):
+            changes["radiance"] = dmis.Image(changes["radiance"])
+        lights.append(replace(light, **changes))
     tame = box_scene(resolution=(4, 4), fov=60.0)
     to_world = np.array(tame.camera.to_world)
     to_world[:3, 3] = to_world[:3, 3] * length + offset
