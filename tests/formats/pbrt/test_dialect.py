@@ -8,13 +8,12 @@ import pytest
 from helpers import tga
 
 import dmis
-from dmis.base.color import LUMINANCE
+from dmis.base.color import LUMINANCE, spectrum_to_rgb, xyz_to_rgb
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.diffuse import Lambert, OrenNayar
-from dmis.brdf.fresnel import Conductor, ExactConductor
-from dmis.brdf.materials import COPPER_ETA, COPPER_K
+from dmis.brdf.diffuse import Lambert, LambertTransmission, OrenNayar
+from dmis.brdf.fresnel import ExactConductor
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
@@ -22,6 +21,7 @@ from dmis.cli.commands import main
 from dmis.formats.pbrt.dialect import detect
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.spectra import GLASSES, SPECTRA
 from dmis.formats.pbrt.tokens import PbrtError, Source, tokens_of
 from dmis.geometry.mesh import flat_normals
 from dmis.image import write_exr
@@ -293,13 +293,31 @@ def test_constant_spectrum_is_that_constant_in_v4(read):
     close(lobe.reflectance, [0.25] * 3)
 
 
-def test_black_body_of_v3_is_one_where_it_is_brightest(read):
-    """At the temperature whose peak is at 555 nm that is what v2 does, but for 470 / 471."""
-    temperature = 2.8977721e6 / 555
+@pytest.mark.parametrize("temperature", [3000, 9000])
+def test_black_body_of_v3_is_one_where_it_is_brightest(read, temperature):
+    """Planck's law over its value at Wien's wavelength, as a table, in 471 steps of 470 nm."""
+
+    def planck(nanometres):
+        return nanometres**-5.0 / np.expm1(1.4388e7 / (nanometres * temperature))
+
     (light,) = read("v3", f'LightSource "point" "blackbody I" [{temperature} 2]').lights
-    close(light.intensity, np.multiply(dmis.base.color.blackbody_to_rgb(temperature, 2), 470 / 471))
-    (light,) = read("v3", 'LightSource "point" "blackbody I" [9000 1]').lights
-    assert max(light.intensity) < max(dmis.base.color.blackbody_to_rgb(9000))
+    table = np.arange(360, 831), planck(np.arange(360, 831)) / planck(2.8977721e6 / temperature)
+    close(light.intensity, np.multiply(spectrum_to_rgb(*table), 2 * 470 / 471))
+    (light,) = read("v3", 'LightSource "point" "spectrum I" [400 1 700 2]').lights
+    close(light.intensity, np.multiply(spectrum_to_rgb([400, 700], [1, 2]), 470 / 471))
+
+
+def test_names_of_spectra_in_v4():
+    """Indices of glasses, and the temperatures of illuminants by the formula of McCamy 1992."""
+    indices = 1.51680, 1.67003, 1.48656, 1.85025, 1.67271, 1.72828, 1.78472  # Schott's, at 587.6 nm
+    np.testing.assert_allclose(list(GLASSES.values()), indices, atol=1e-4)
+    kelvin = [2856, 5003, 6430, 4230, 3450, 2940, 6350, 4150, 6500, 5000, 4150, 5000, 4000, 3000]
+    to_rgb = np.array([xyz_to_rgb(axis) for axis in np.eye(3)]).T
+    illuminants = [colour for name, colour in SPECTRA["v4"].named().items() if name.startswith("stdillum")]
+    for colour, expected in zip(illuminants[:-1], kelvin, strict=True):  # the last one is white
+        x, y, _ = (xyz := np.linalg.solve(to_rgb, colour)) / xyz.sum()
+        n = (x - 0.3320) / (0.1858 - y)
+        assert 449 * n**3 + 3525 * n**2 + 6823.3 * n + 5520.33 == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -310,6 +328,10 @@ def test_black_body_of_v3_is_one_where_it_is_brightest(read):
         (
             'LightSource "spot" "float power" 7 "float coneangle" 60 "float conedeltaangle" 0',
             [7 / (2 * np.pi * (1 - np.cos(np.pi / 3)))] * 3,
+        ),
+        (  # between the cones the falloff 3 d^2 - 2 d^3 has the mean 1/2
+            'LightSource "spot" "float power" 7 "float coneangle" 60 "float conedeltaangle" 30',
+            [7 / (2 * np.pi * ((1 - np.cos(np.pi / 6)) + (np.cos(np.pi / 6) - np.cos(np.pi / 3)) / 2))] * 3,
         ),
     ],
 )
@@ -392,6 +414,12 @@ SMOOTH, COATED = [SpecularReflection, SpecularTransmission], [CoatedBase, Specul
 METAL_COATED, ROUGH_METAL = [CoatedConductor, SpecularReflection], '"float conductor.roughness" .04'
 FINE, COARSE = '"float uroughness" .01 "float roughness" .1', '"float uroughness" .1 "float vroughness" .01'
 PLAIN = '"bool remaproughness" "false"'
+PAPER, HALVED = (
+    [Lambert, LambertTransmission],
+    '"float scale" .5 "rgb reflectance" [.2 .4 .6] "rgb transmittance" [1 .8 0]',
+)
+CLEAR, DIMMED = [SpecularTransmission, Lambert, RoughReflection], (0.1, 0.15, 0.2)
+THIN, SHEET = f'"rgb reflect" [.2 .2 .2] "rgb transmit" [.6 .6 .6] {PLAIN}', [*PAPER, *GLASS]
 LOBES = [  # dialect, material, its parameters, its lobes, and attributes of some of them
     ("v3", "matte", '"float sigma" 20', [OrenNayar], {}),
     ("v3", "plastic", '"rgb Ks" [0 0 0] "rgb Kd" [.1 .2 .3]', [Lambert], {"0.reflectance": [0.1, 0.2, 0.3]}),
@@ -402,11 +430,19 @@ LOBES = [  # dialect, material, its parameters, its lobes, and attributes of som
     ("v3", "glass", COARSE, GLASS, {"1.roughness.alpha_u": REMAPPED[0.1], "1.roughness.alpha_v": REMAPPED[0.01]}),
     ("v3", "uber", '"rgb Kd" [0 0 0] "float eta" 1.3', [RoughReflection], {"0.fresnel.eta": 1.3}),  # not swapped
     ("v3", "uber", f'"rgb Kd" [0 0 0] {FINE}', [RoughReflection], {"0.roughness.alpha": REMAPPED[0.01]}),  # v is u
+    ("v3", "uber", f'"rgb opacity" [.4 .6 .8] {COARSE}', CLEAR, {"2.roughness.alpha_v": REMAPPED[0.01]}),
+    ("v3", "uber", '"rgb opacity" [.4 .6 .8]', CLEAR, {"0.transmittance": (0.6, 0.4, 0.2), "2.reflectance": DIMMED}),
+    ("v3", "uber", '"rgb Kd" [0 0 0] "float index" 1.3', [RoughReflection], {"0.fresnel.eta": 1.3}),  # the older name
+    ("v3", "translucent", THIN, SHEET, {"0.reflectance": [0.05] * 3, "1.transmittance": [0.15] * 3}),
+    ("v3", "translucent", THIN, SHEET, {"2.reflectance": [0.05] * 3, "3.transmittance": [0.15] * 3}),
+    ("v3", "translucent", THIN, SHEET, {"2.roughness.alpha": 0.1, "3.roughness.alpha": 0.1}),
     ("v3", "metal", FINE, [GGX], {"0.roughness.alpha_v": REMAPPED[0.1]}),  # v is roughness
     ("v3", "substrate", '"float uroughness" .01', BLEND, {"1.distribution.roughness.alpha_u": REMAPPED[0.01]}),
     ("v3", "substrate", '"float uroughness" .01', BLEND, {"1.distribution.roughness.alpha_v": REMAPPED[0.1]}),
     *(("v3", "metal", f'"float roughness" {r}', [GGX], {"0.roughness.alpha": alpha}) for r, alpha in REMAPPED.items()),
     ("v3", "metal", f'"float roughness" 0 {PLAIN}', [GGX], {"0.roughness.alpha": 0.001}),
+    ("v4", "diffusetransmission", HALVED, PAPER, {"0.reflectance": (0.1, 0.2, 0.3)}),
+    ("v4", "diffusetransmission", HALVED, PAPER, {"1.transmittance": (0.5, 0.4, 0)}),
     ("v4", "conductor", '"float roughness" .04', [GGX], {"0.roughness.alpha": 0.2}),
     ("v4", "conductor", '"float vroughness" .09 "float uroughness" .04', [GGX], {"0.roughness.alpha_v": 0.3}),
     ("v4", "conductor", f'"float roughness" .04 {PLAIN}', [GGX], {"0.roughness.alpha": 0.04}),
@@ -477,19 +513,6 @@ def test_mix(read):
     first, second = lobes(read("v4", world))
     close(first.reflectance, [0.3] * 3)
     close(second.reflectance, [0.2] * 3)
-
-
-def test_exact_conductor():
-    """Against the textbook at normal incidence, and against the approximation, which is close for a good metal."""
-    eta, k = np.array(COPPER_ETA), np.array(COPPER_K)
-    exact, rough = ExactConductor(COPPER_ETA, COPPER_K), Conductor(COPPER_ETA, COPPER_K)
-    normal = ((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2)
-    np.testing.assert_allclose(exact(np.ones(1, np.float32))[:, 0], normal, rtol=1e-6)
-    np.testing.assert_allclose(exact(np.zeros(1, np.float32)), 1, atol=1e-6)
-    cos = np.linspace(0.01, 1, 50, dtype=np.float32)
-    assert 1e-4 < np.abs(exact(cos) - rough(cos)).max() < 0.1
-    glass = ExactConductor((1.5,) * 3, (0.0,) * 3)(cos)
-    np.testing.assert_allclose(glass[0], dmis.brdf.fresnel.dielectric(cos, np.float32(1.5)), atol=1e-6)
 
 
 def test_smooth_conductor(read):
@@ -713,9 +736,10 @@ def test_encoding_of_textures(read, tmp_path, dialect, more, expected):
     assert image.texels.mean() == pytest.approx(expected, abs=2e-4)
 
 
-def test_encoding_of_skies(read, tmp_path):
-    """v3 takes the whole numbers of a sky as they are."""
+def test_encoding_of_skies_and_normal_maps(read, tmp_path):
+    """v3 takes the whole numbers of a sky as they are, v4 those of a normal map."""
     pytest.importorskip("OpenImageIO")
     (tmp_path / "a.tga").write_bytes(tga(127, 128))
     (light,) = read("v3", 'LightSource "infinite" "string mapname" "a.tga"').lights
-    assert light.texels.mean() == pytest.approx(0.5, abs=1e-6)
+    (part,) = read("v4", 'Material "diffuse" "string normalmap" "a.tga"', add=TEXTURED).parts
+    assert light.texels.mean() == pytest.approx(0.5, abs=1e-6) == part.material.relief.image.texels.mean()

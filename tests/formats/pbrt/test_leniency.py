@@ -52,6 +52,7 @@ BIASED = "rendered as path, because pbrt's own image is biased: integrator "
         ("v2", 'SurfaceIntegrator "photonmap"', ("path", 6), f'{BIASED}"photonmap" (line 1)'),
         ("v2", 'SurfaceIntegrator "igi" "integer maxdepth" 2', ("path", 3), f'{BIASED}"igi" (line 1)'),
         ("v2", 'Renderer "metropolis" "integer maxdepth" 4 SurfaceIntegrator "directlighting"', ("path", 4), ""),
+        ("v2", 'Renderer "metropolis"', ("path", 7), ""),
         ("v3", 'Integrator "path" "integer maxdepth" 1', ("path", 1), ""),
         ("v3", 'Integrator "volpath" "integer maxdepth" 3', ("path", 3), ""),
         ("v3", 'Integrator "directlighting" "integer maxdepth" 7', ("direct", 7), ""),
