@@ -13,6 +13,7 @@ import argparse
 import hashlib
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,13 @@ from dmis import Settings
 RESOLUTION = (48, 40)
 SPP = 32
 SEED = 3
-SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "cornell")
+SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "cornell", "veach-mis", "ten-lights")
+FLAT = ("teapot-area-light flat", "killeroo-gold flat", "tt flat")
+"""Scenes without their vertex normals: no shading normal of theirs leaves the triangle's."""
 
 
 def configurations() -> dict[str, dict[str, Any]]:
-    """Return the arguments of `dmis.render` by name; ``scene`` is a name of `SCENES`.
+    """Return the arguments of `dmis.render` by name; ``scene`` is a name of `SCENES` or `FLAT`.
 
     Points are independent where the name says nothing else, so that files from before another default stay comparable.
     """
@@ -39,9 +42,11 @@ def configurations() -> dict[str, dict[str, Any]]:
         settings = {"sampler": "independent", **settings}
         table[f"{scene} {rule} {options}".strip()] = {"scene": scene, "rule": rule, "settings": settings}
 
-    for scene in SCENES:
+    for scene in (*SCENES, *FLAT):
         for rule in ("balance", "thesis", "auto"):
             add(scene, rule, integrator="path" if scene == "cornell" else "direct")
+    for scene in (*FLAT, "veach-mis", "ten-lights"):
+        add(scene, "balance", integrator="path")
     for rule in ("pbrt", "one-sample", "uniform", "resampled", "fixed:0.25", "thesis:patch=8,filter=none"):
         add("killeroo-gold", rule, integrator="direct")
     for rule in ("second-moment", "second-moment:filter=gaussian", "neyman", "taylor", "representativity", "simplex"):
@@ -62,10 +67,19 @@ def configurations() -> dict[str, dict[str, Any]]:
     return table
 
 
+def load(name: str) -> dmis.Scene:
+    """Return a scene of `SCENES`, or one of `FLAT`."""
+    scene = dmis.load_scene(name.removesuffix(" flat"), resolution=RESOLUTION)
+    if name not in FLAT:
+        return scene
+    flat = tuple(replace(part, mesh=replace(part.mesh, normals=None)) for part in scene.parts)
+    return replace(scene, parts=flat)
+
+
 def render(configuration: Mapping[str, Any], scenes: dict[str, dmis.Scene]) -> dict[str, np.ndarray]:
     """Render one configuration; the arrays that must not change, by name."""
     name = configuration["scene"]
-    scene = scenes.setdefault(name, dmis.load_scene(name, resolution=RESOLUTION))
+    scene = scenes.setdefault(name, load(name))
     settings = Settings(**configuration["settings"])
     result = dmis.render(scene, configuration["rule"], SPP, seed=SEED, settings=settings, parallel=2)
     arrays = {"image": result.image, "deviation": result.deviation, "weight": result.weight, "samples": result.samples}

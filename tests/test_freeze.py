@@ -9,7 +9,7 @@ import numpy as np
 def test_there_are_two_dozen_configurations_and_every_scene_is_among_them() -> None:
     table = freeze.configurations()
     assert len(table) >= 24
-    assert {configuration["scene"] for configuration in table.values()} == set(freeze.SCENES)
+    assert {configuration["scene"] for configuration in table.values()} == {*freeze.SCENES, *freeze.FLAT}
 
 
 def test_a_changed_bit_is_found(tmp_path, monkeypatch, capsys) -> None:
