@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dmis.base.vectors import Array, Index, Selection, compose, dot, indices, size, take
+from dmis.base.vectors import Array, Index, Selection, compose, indices, size, take
 from dmis.estimator.allocation import Counts
 from dmis.estimator.batch import Batch
 from dmis.estimator.cost import ray_kind_of_colour
@@ -148,11 +148,11 @@ def draw_numbers(
 
 
 def facing_light(surface: ShadingPoints, light_sample: LightSample) -> Index | None:
-    """Return the indices of directions that meet the light and leave the triangle on the side of wo; None: all."""
+    """Return the indices of directions that meet the light and for which f may be positive; None: all."""
     if 2 * np.count_nonzero(light_sample.emits) < len(light_sample.emits):  # few, as of BRDF samples and a small light
         met = np.flatnonzero(light_sample.emits)
-        return met[dot(take(surface.ng, met), take(light_sample.wi, met)) > 0]
-    return indices(light_sample.emits & (dot(surface.ng, light_sample.wi) > 0))
+        return met[surface.take(met).same_side(take(light_sample.wi, met))]
+    return indices(light_sample.emits & surface.same_side(light_sample.wi))
 
 
 def unoccluded(

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmis.base.vectors import Selection, compose, dot, indices, size, take
+from dmis.base.vectors import Selection, compose, indices, size, take
 from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, facing_light, shading_samples, take_optional, unoccluded
@@ -120,7 +120,7 @@ def _add_delta_light(
     """Add ``f_r L |n.wi| V`` of a light that has a single direction, which no other technique finds."""
     surface = vertices.surface.take(index)
     light_sample = light.sample(surface.p)
-    lit: Selection | None = indices(light_sample.emits & (dot(surface.ng, light_sample.wi) > 0))
+    lit: Selection | None = indices(light_sample.emits & surface.same_side(light_sample.wi))
     visible: np.ndarray | bool = True
     if traced and size(lit, 1):
         shadow_ray = take(surface.p, lit), take(light_sample.wi, lit), take(light_sample.distance, lit)

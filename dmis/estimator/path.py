@@ -59,11 +59,17 @@ class Rays:
 
 
 def scatter(surface: ShadingPoints, lobe: Any) -> tuple[Array, Array, Array]:
-    """Return origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on."""
+    """Return origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on.
+
+    Factors are 0 where the shading normal turns a mirrored ray into the surface, or a refracted one out of it.
+    """
     wi, factor = lobe.scatter(surface)
-    # p lies on wo's side of the surface; what goes through begins on the other
-    through = dot(surface.ng, wi) < 0
-    return surface.p - surface.ng * (2 * surface.epsilon * through), wi, np.broadcast_to(factor, wi.shape)
+    if lobe.transmissive:
+        # p lies on wo's side of the surface; what goes through begins on the other
+        origin, possible = surface.p - surface.ng * (2 * surface.epsilon), surface.same_side(-wi)
+    else:
+        origin, possible = surface.p, surface.same_side(wi)
+    return origin, wi, np.broadcast_to(factor * possible, wi.shape)
 
 
 def bounce(
@@ -161,12 +167,12 @@ def merge(parts: Sequence[Rays], samples: int) -> Rays:
 
 def _reflected(surface: ShadingPoints, wi: Array) -> Array:
     """Return ``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
-    directions = Directions(surface, wi)
+    possible = surface.same_side(wi)
     if len(surface.reflection) == 1 and (weight := surface.reflection[0].weight()) is not None:
-        factor = (directions.above & surface.faces(directions)).astype(np.float32)
-        return np.broadcast_to(weight * factor, wi.shape)
+        return np.broadcast_to(weight * possible.astype(np.float32), wi.shape)
+    directions = Directions(surface, wi)
     pdf = surface.pdf(directions)
-    accepted = (pdf > 0) & surface.faces(directions)
+    accepted = (pdf > 0) & possible
     factor = directions.cos_i / np.where(accepted, pdf, 1) * accepted
     return np.broadcast_to(surface.eval(directions) * factor, wi.shape)
 

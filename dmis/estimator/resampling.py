@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.vectors import Array, dot, take
+from dmis.base.vectors import Array, take
 from dmis.brdf.cosines import Directions
 from dmis.light.light import SampledLight
 from dmis.light.light_sample import LightSample
@@ -61,7 +61,7 @@ def _shifted(u: Array, shift: Array) -> Array:
 def _weight(surface: ShadingPoints, light_sample: LightSample) -> Array:
     """Return g / p_l of light samples, ``(N,)``."""
     weight = np.zeros(len(light_sample.pdf), np.float32)
-    index = np.flatnonzero(light_sample.emits & (dot(surface.ng, light_sample.wi) > 0) & (light_sample.pdf > 0))
+    index = np.flatnonzero(light_sample.emits & surface.same_side(light_sample.wi) & (light_sample.pdf > 0))
     if len(index):
         lit = surface.take(index)
         directions = Directions(lit, take(light_sample.wi, index))

@@ -28,7 +28,7 @@ from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
 if TYPE_CHECKING:
     from dmis.scene.scene import Scene
 
-MEANING = 1
+MEANING = 2
 """Raise it by one when a shipped lobe, light, camera or reader changes the image that is expected of a scene: the
 references of all scenes are then rendered anew.
 """

@@ -106,9 +106,13 @@ class ShadingPoints:
         t = np.stack([y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]])
         return s, t
 
-    def faces(self, directions: Directions) -> np.ndarray:
-        """Return whether wi is on wo's side of the triangles, ``(N,)`` bool."""
-        return directions.above if self.ng is self.n else dot(self.ng, directions.wi) > 0
+    def same_side(self, wi: Array) -> np.ndarray:
+        """Return whether f may be positive, ``(N,)`` bool; elsewhere it is 0, whatever technique finds `wi` ``(3, N)``.
+
+        wi must be on wo's side of the triangle *and* of the shading normal (strict normals; Veach 1997, Section 5.3).
+        """
+        above = dot(self.ng, wi) > 0
+        return above if self.ng is self.n else above & (dot(self.n, wi) > 0)
 
     # The BRDF as a whole: the sum of its lobes, sampled by picking one of them uniformly ------------------------------
 

@@ -19,14 +19,14 @@ from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.density import QUADRATURE, DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, GRAZING, check_unit, check_values, view_checks
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
-from dmis.testing.scenes import ABOVE, BELOW, TECHNIQUES_ALONE, box_scene, compare_means
+from dmis.testing.scenes import ABOVE, BELOW, EVEN_SKY, TECHNIQUES_ALONE, TURNED, box_scene, compare_means
 from dmis.testing.sphere import polar, uniforms
 from dmis.testing.statistics import level, z_limit
 
 ANGLES = (0.0, 35.0, 70.0, 85.0)
 """Angles between the normal and wo, in degrees."""
-LEVEL = level(32)
-"""Of each test: chi-square, integral and furnace at four angles from two sides, and renders."""
+LEVEL = level(36)
+"""Of each test: chi-square, integral and furnace at four angles from two sides, and renders on two floors."""
 _RECIPROCITY = 0.02
 """Relative difference of two values of a lobe that is allowed, because exponents amplify roundings."""
 _ALBEDO = 0.02
@@ -71,6 +71,7 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
             ("eval is reciprocal", lambda: _check_reciprocity(material)),
             ("weight is eval cos / pdf", lambda: _check_weight(material, views)),
             ("renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(material)),
+            ("renders agree where shading normals turn", lambda: _check_turned(material)),
         ]
 
     return run_checks(name or type(lobe).__name__, "forms of what its methods return", prepare)
@@ -180,6 +181,12 @@ def _check_renders(material: Material) -> str:
     """Raise a Fault if light sampling, BRDF sampling and both have different means."""
     advice = "sample or pdf: light samples need eval alone, and the others disagree with them"
     return compare_means(box_scene(material, (ABOVE, BELOW)), TECHNIQUES_ALONE, z_limit(LEVEL), advice)
+
+
+def _check_turned(material: Material) -> str:
+    """Raise a Fault if they have different means on a floor whose shading normals leave its own."""
+    advice = "sample or pdf: they must be about the shading normal n; where wi may be, the estimator decides"
+    return compare_means(box_scene(material, (EVEN_SKY,), floor=TURNED), TECHNIQUES_ALONE, z_limit(LEVEL), advice)
 
 
 def _check_scatter(material: Material) -> str:

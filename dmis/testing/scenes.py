@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ import numpy as np
 from dmis.brdf.materials import Material, matte
 from dmis.estimator.settings import Settings
 from dmis.fit.rule import Rule
+from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
 from dmis.light.area import QuadLight
+from dmis.light.environment import EnvironmentLight
 from dmis.light.light import Light
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
@@ -23,10 +26,14 @@ from dmis.testing.outcome import Fault
 
 FLOOR = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
 """A square floor, 8 on a side, at z = 0."""
+TURNED = replace(FLOOR, normals=FLOOR.vertices + (0, 0, 1.6))
+"""The floor with shading normals that lean outwards, by 32 degrees at a distance of 1 from its middle."""
 ABOVE: QuadLight = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
 """A lamp 2 above the floor that shines downwards."""
 BELOW = QuadLight((-0.5, -0.5, -2), (1, 0, 0), (0, 1, 0), (5, 4, 3))
 """A lamp 2 below the floor that shines upwards."""
+EVEN_SKY = EnvironmentLight(np.ones((1, 1, 3)))
+"""The same radiance from all directions, those between the horizons of floor and shading normal among them."""
 TECHNIQUES_ALONE: tuple[tuple[str, Rule | str], ...] = (
     ("light samples (fixed:1)", "fixed:1"),
     ("BRDF samples (fixed:0)", "fixed:0"),
@@ -43,10 +50,11 @@ def box_scene(
     eye: tuple[float, float, float] = (0.0, -3.0, 2.0),
     target: tuple[float, float, float] = (0.0, 0.0, 0.0),
     fov: float = 40.0,
+    floor: Mesh = FLOOR,
 ) -> Scene:
-    """Return a scene of the `FLOOR` under `lights`, and of the parts `extra`."""
+    """Return a scene of the `floor` under `lights`, and of the parts `extra`."""
     camera = Camera.look_at(eye, target, fov=fov, resolution=resolution)
-    return Scene(camera, (Part(FLOOR, material or matte(0.6)), *extra), lights)
+    return Scene(camera, (Part(floor, material or matte(0.6)), *extra), lights)
 
 
 def compare_means(

@@ -13,6 +13,7 @@ from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import matte, plastic
 from dmis.estimator.technique import TECHNIQUES, Technique, register_technique
 from dmis.fit.fixed import Fixed
+from dmis.geometry.mesh import Mesh
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import SampledLight
@@ -21,12 +22,12 @@ from dmis.scene.probe import surface
 from dmis.testing.density import DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, view_checks
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
-from dmis.testing.scenes import ABOVE, box_scene, compare_means
+from dmis.testing.scenes import ABOVE, FLOOR, TURNED, box_scene, compare_means
 from dmis.testing.sphere import polar, uniforms
 from dmis.testing.statistics import level, z_limit
 
-LEVEL = level(16)
-"""Of each test: chi-square and integral in four places, and renders."""
+LEVEL = level(20)
+"""Of each test: chi-square and integral in four places, and renders on two floors."""
 _SKY = EnvironmentLight(0.2 + np.random.default_rng(8).random((8, 16, 3)))
 _TILTED = QuadLight((0.4, -0.6, 1.2), (0.3, 1.2, 0.2), (1.0, 0.2, -0.3), (5.0, 4.0, 3.0))
 _DIFFUSE, _GLOSSY = matte(0.6), plastic(0.4, 0.4, 0.05)
@@ -61,7 +62,11 @@ def check_technique(technique: Technique) -> list[Outcome]:
             for degrees in (0.0, 89.99, 90.0)
         ]
         checks = view_checks(views, corners, LEVEL)[: None if technique.exact else 1]
-        return [*checks, ("renders agree with balance", lambda: _check_renders(technique))]
+        return [
+            *checks,
+            ("renders agree with balance", lambda: _check_renders(technique, FLOOR)),
+            ("renders agree where shading normals turn", lambda: _check_renders(technique, TURNED)),
+        ]
 
     return run_checks(technique.name, "forms of what its methods return", prepare)
 
@@ -92,8 +97,8 @@ def _view(
     return DensityView(sample.wi, pdf, pdf(sample.wi) > 0, place, sample=sample, hit=hit)
 
 
-def _check_renders(technique: Technique) -> str:
-    """Raise a Fault if mixtures with the technique have another mean than light and BRDF samples."""
+def _check_renders(technique: Technique, floor: Mesh) -> str:
+    """Raise a Fault if mixtures with the technique have another mean on a floor than light and BRDF samples."""
     name = technique.name
     with registered(technique):
         rules: list[tuple[str, Any]] = [("balance", "balance")]
@@ -104,7 +109,8 @@ def _check_renders(technique: Technique) -> str:
             text = ",".join(f"{key}={share:g}" for key, share in shares.items())
             rules.append((f"simplex:{text}", Fixed(w if len(w) > 2 else w[0], techniques=tuple(shares))))
         advice = f"sample or pdf of {name}: light and BRDF samples alone have another mean"
-        return compare_means(box_scene(_GLOSSY, (ABOVE, _SKY)), rules, z_limit(LEVEL), advice)
+        scene = box_scene(_GLOSSY, (ABOVE, _SKY), floor=floor)
+        return compare_means(scene, rules, z_limit(LEVEL), advice)
 
 
 @contextmanager

@@ -74,8 +74,8 @@ def test_a_right_lobe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["check", write(tmp_path, DUST)]) == 0
     out, error = capsys.readouterr()
     lines = out.splitlines()
-    assert lines[0] == "lobe Dust" and lines[-1] == "all 9 checks passed" and error == ""
-    assert len(lines) == 11 and all(line.startswith("ok      Dust: ") for line in lines[1:-1])
+    assert lines[0] == "lobe Dust" and lines[-1] == "all 10 checks passed" and error == ""
+    assert len(lines) == 12 and all(line.startswith("ok      Dust: ") for line in lines[1:-1])
     assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == ["my_lobe.py"]
 
 
@@ -88,7 +88,7 @@ def test_the_page_shows_what_is_printed(tmp_path: Path, capsys: pytest.CaptureFi
     head += "from dmis.samplers.warp import INV_PI, square_to_sphere\n"
     assert main(["check", write(tmp_path, head + code)]) == 1
     out = capsys.readouterr().out
-    assert out.endswith("4 of 9 checks failed\n")
+    assert out.endswith("5 of 10 checks failed\n")
     printed = re.sub(r"[\d.]+", "0", out)
     (shown,) = [block for block in blocks if "FAILED" in block]
     for line in shown.strip().split("FAILED")[1:]:
