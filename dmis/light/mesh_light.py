@@ -98,10 +98,8 @@ class MeshLight(AreaLight):
         normal = cross / np.maximum(twice, 1e-300)[:, None]
         rows = np.concatenate([corner, edge_u, edge_v, normal], axis=1).T.astype(np.float32)
         if self.textured:
-            mean = np.broadcast_to(
-                self._emitted(np.arange(len(twice))[:, None], *_INSIDE), (3, len(twice), _INSIDE.shape[1])
-            )
-            luminance = np.tensordot(LUMINANCE, mean.mean(axis=2), 1)
+            mean = self._emitted(np.arange(len(twice))[:, None], *_INSIDE).mean(axis=2)
+            luminance = np.tensordot(LUMINANCE, mean, 1)
             weight = twice * (luminance + EVEN_SHARE * max(np.average(luminance, weights=twice), 1e-30))
             share = weight / weight.sum()
             return rows, np.cumsum(share), (twice / 2 / np.maximum(share, 1e-300)).astype(np.float32), np.zeros((3, 1))
@@ -115,7 +113,8 @@ class MeshLight(AreaLight):
             return self._data[3]
         rows = self._uv_rows[:, index]
         uv = rows[:2] + rows[2:4] * a + rows[4:] * b
-        return self.radiance(uv.reshape(2, -1)).reshape(-1, *uv.shape[1:])
+        values = self.radiance(uv.reshape(2, -1))  # one row, if the image is grey
+        return np.broadcast_to(values, (3, values.shape[1])).reshape(3, *uv.shape[1:])
 
     @cached_property
     def _uv_rows(self) -> Array:
@@ -189,6 +188,21 @@ class MeshLight(AreaLight):
         light_sample = flat_light_hit(wi, hits.distance, dot(chosen[9:], wi), is_hit, area, radiance)
         light_sample.emits |= is_hit & self._sampled[1].take(hits.prim)
         return light_sample
+
+    def emission(self, p: Array) -> Array:
+        """Return the radiance emitted from points `p` ``(3, N)``; an image is looked up on the nearest triangle."""
+        if not self.textured:
+            return super().emission(p)
+        corner, u, v, normal = self._data[0].astype(float).reshape(4, 3, -1)
+        twice, places = dot(np.cross(u, v, axis=0), normal), []
+        for point in np.asarray(p, float).T:
+            to = point[:, None] - corner  # = a u + b v + height normal
+            a, b = dot(np.cross(to, v, axis=0), normal) / twice, dot(np.cross(u, to, axis=0), normal) / twice
+            outside = np.maximum(np.maximum(-a, -b), a + b - 1).clip(0)
+            k = int(np.argmin(np.abs(dot(to, normal)) + outside * np.sqrt(twice)))
+            places.append((k, a[k], b[k]))
+        index, a, b = np.array(places).T
+        return self._emitted(index.astype(int), a.astype(np.float32), b.astype(np.float32))
 
     def brightness(self, length: float) -> float:
         return float(np.max(self.radiance.texels if isinstance(self.radiance, Image) else self.radiance))

@@ -14,6 +14,7 @@ from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
+from dmis.light.light import check_light_form
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
 from dmis.light.selection import select_lights
@@ -31,6 +32,8 @@ ONE_TEXEL[2, 5] = (10.0, 20.0, 5.0)
 BENT = np.array([[-0.3, -0.4, 2.0], [0.9, -0.4, 1.8], [0.9, 0.6, 2.1], [-0.3, 0.7, 1.7]])
 """Corners of two triangles at an angle, both facing the origin, with the common edge 0-2."""
 BENT_FACES = np.array([[0, 2, 1], [0, 3, 2]])
+COLOURS = np.random.default_rng(2).random((3, 4, 3)) ** 2
+CORNERS_OF_IMAGE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
 
 LIGHTS = {
     "disk": DiskLight((0.3, -0.5, 2.0), (0.2, 0.1, -1.0), 0.8, WHITE),
@@ -38,7 +41,10 @@ LIGHTS = {
     "sphere": SphereLight((0.4, 0.8, 1.6), 0.7, WHITE),
     "near sphere": SphereLight((0.0, 0.0, 1.0), 0.99, WHITE),
     "mesh": MeshLight(BENT, BENT_FACES, WHITE),
+    "image": MeshLight(BENT, BENT_FACES, Image(COLOURS), CORNERS_OF_IMAGE),
+    "grey image": MeshLight(BENT, BENT_FACES, Image(COLOURS[..., :1]), CORNERS_OF_IMAGE),
     "sky": EnvironmentLight(RANDOM_SKY),
+    "grey sky": EnvironmentLight(RANDOM_SKY[..., :1]),
     "tilted sky": EnvironmentLight(RANDOM_SKY, TILT, (2.0, 1.0, 0.5)),
     "one texel": EnvironmentLight(ONE_TEXEL),
     "constant sky": EnvironmentLight(np.ones((1, 1, 3))),
@@ -336,6 +342,17 @@ def test_pickling(name: str) -> None:
     again = pickled(LIGHTS[name])
     np.testing.assert_array_equal(again.sample(points, uniforms(200)).wi, light_sample.wi)
     np.testing.assert_array_equal(again.hit(points, light_sample.wi).pdf, LIGHTS[name].hit(points, light_sample.wi).pdf)
+
+
+def test_radiance_of_images_has_three_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scene refuses a light of an image that returns others; of the image's places it emits their colours."""
+    check_light_form(LIGHTS["grey image"])
+    corners = columns((0.0, 0.0, 0.0), 4) + BENT.T.astype(np.float32)
+    colours = LIGHTS["image"].radiance(np.float32(CORNERS_OF_IMAGE.T))  # type: ignore[union-attr]
+    np.testing.assert_allclose(LIGHTS["image"].emission(corners), colours, rtol=1e-3)  # type: ignore[union-attr]
+    monkeypatch.setattr(MeshLight, "_emitted", lambda self, index, a, b: np.ones((1, np.size(a)), np.float32))
+    with pytest.raises(ValueError, match=r"^MeshLight.emission\(p\) must be of shape .*; got shape \(1, 2\)"):
+        check_light_form(LIGHTS["grey image"])
 
 
 ANY: Any = np.ones((1, 1, 3))
