@@ -165,7 +165,7 @@ def coated_conductor(
     alpha
         Roughness of the metal, a number up to 1; 0 is smooth.
     coat_alpha, coat_eta, thickness
-        The coat: its roughness up to 1, and `eta` and `thickness` of `coated_diffuse`.
+        The coat: its roughness up to 1, its index of refraction from 1 to 4, and `thickness` of `coated_diffuse`.
     bounces
         How many reflections by the metal count.
     """
@@ -173,7 +173,7 @@ def coated_conductor(
     alpha, coat_alpha, coat_eta, thickness = _check_layers(
         alpha=(alpha, 0, 1),
         coat_alpha=(coat_alpha, 0, 1),
-        coat_eta=(coat_eta, 1, 100),
+        coat_eta=(coat_eta, 1, 4),  # of 10, alpha 1 reflects 1e23 times the light
         thickness=(thickness, 0, 1000),
     )
     check_values("eta", eta, "positive and finite", "it is part of a metal's index", FLOAT32_TINY, image=False)

@@ -23,7 +23,7 @@ from dmis.scene.shading_points import bind
 from dmis.testing.lobe import check_lobe
 from dmis.testing.outcome import require
 from dmis.testing.scenes import FLOOR, box_scene, surface
-from dmis.testing.sphere import polar, uniforms
+from dmis.testing.sphere import polar, sphere_rule, uniforms
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
 COS, WEIGHTS = (NODES + 1) / 2, WEIGHTS / 2
@@ -216,6 +216,21 @@ def test_checks_of_coated_metal(alpha: float, coat_alpha: float) -> None:
     require(check_lobe(CoatedConductor(white, alpha, 1.5, coat_alpha), f"metal {alpha} coat {coat_alpha}"))
 
 
+@pytest.mark.parametrize("eta", [1.0, 1.5, 4.0])
+@pytest.mark.parametrize("alpha, coat_alpha", [(0.02, 0.0), (0.0, 0.1), (0.3, 1.0), (1.0, 0.0), (1.0, 1.0)])
+def test_coated_metal_reflects_no_more_than_it_gets(alpha: float, coat_alpha: float, eta: float) -> None:
+    """At the ends of the range of indices, with a metal that absorbs next to nothing; the coat's own lobe included."""
+    material = dmis.coated_conductor(1.0, 1e3, alpha, coat_alpha, eta)
+    for degrees in (0, 60, 88):
+        wo = polar(degrees)
+        w, weights = sphere_rule(wo * [-1, -1, 1], 200, 100, power=3.0)
+        up = w[2] > 0
+        points = surface(material, wo, int(up.sum()))
+        values = np.broadcast_to(points.eval(Directions(points, np.ascontiguousarray(w[:, up]))), (3, up.sum()))
+        mirrored = sum(float(np.max(lobe.scatter(points)[1])) for lobe in points.delta)
+        assert 0.05 < (values.astype(float) @ (w[2] * weights)[up]).max() + mirrored < 1.005
+
+
 def test_metal_without_a_coat_is_ggx() -> None:
     """Index 1 reflects nothing, and neither bends rays."""
     coated, plain = (
@@ -343,7 +358,8 @@ def test_image_under_a_coat() -> None:
         (dmis.coated_conductor, {"eta": 0}, "eta must be positive and finite, because"),
         (dmis.coated_conductor, {"k": -1}, "k must be finite and not negative, because"),
         (dmis.coated_conductor, {"coat_alpha": 1e-6}, "alpha must be positive and finite, at least 0.0001"),
-        (dmis.coated_conductor, {"coat_eta": 0.5}, "coat_eta must be from 1 to 100, because"),
+        (dmis.coated_conductor, {"coat_eta": 0.5}, "coat_eta must be from 1 to 4, because"),
+        (dmis.coated_conductor, {"coat_eta": 4.1, "alpha": 0.1}, "coat_eta must be from 1 to 4, because .*; got 4.1"),
         (dmis.coated_conductor, {"bounces": 0}, "bounces must be a whole number of at least 1"),
     ],
 )
