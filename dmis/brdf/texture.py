@@ -22,7 +22,7 @@ from dmis.image_reader import load_image
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Wrap = Literal["repeat", "black", "clamp"]
+Wrap = Literal["repeat", "mirror", "black", "clamp"]
 FLOAT32_TINY, FLOAT32_MAX = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 """Smallest positive and largest number of float32, in which lobes are computed: the bounds of parameters."""
 COLOURS = "kd", "ks", "kr", "kt", "base", "opacity"
@@ -44,7 +44,7 @@ class Image:
     scale, offset
         ``(s, t) = uv * scale + offset``; within `MAX_UV_SCALE`.
     wrap
-        What lies outside [0, 1): ``repeat``, ``black`` or ``clamp``.
+        What lies outside [0, 1): ``repeat``, ``mirror``, ``black`` or ``clamp``; of both axes, or a pair, of s and t.
     nearest
         Whether a texel is a square of one colour: nothing is interpolated.
     """
@@ -52,7 +52,7 @@ class Image:
     texels: Any
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
-    wrap: Wrap = "repeat"
+    wrap: Wrap | tuple[Wrap, Wrap] = "repeat"
     nearest: bool = False
 
     def __post_init__(self) -> None:
@@ -75,7 +75,10 @@ class Image:
             if not (np.abs(values) <= MAX_UV_SCALE).all():
                 bound = f"within {MAX_UV_SCALE:g}, because lookups are in float32"
                 raise ValueError(f"{name} must be {bound}; got {values}")
-        one_of("wrap", self.wrap, ("repeat", "black", "clamp"))
+        for wrap in self.wraps:
+            one_of("wrap", wrap, ("repeat", "mirror", "black", "clamp"))
+        if len(set(self.wraps)) == 1:
+            object.__setattr__(self, "wrap", self.wraps[0])
         if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
             texels = texels[..., :1]
         object.__setattr__(self, "texels", np.ascontiguousarray(texels))
@@ -84,6 +87,11 @@ class Image:
     def place(self) -> tuple[Any, ...]:
         """Scale, offset and wrap: images of one place have their texels at the same coordinates, up to resolution."""
         return tuple(self.scale), tuple(self.offset), self.wrap
+
+    @property
+    def wraps(self) -> tuple[Wrap, Wrap]:
+        """What lies outside [0, 1) along s and along t."""
+        return self.wrap if isinstance(self.wrap, tuple) else (self.wrap, self.wrap)
 
     @cached_property
     def _rows(self) -> Array:
@@ -94,10 +102,10 @@ class Image:
         height, width, channels = self.texels.shape
         table = np.zeros((height + 2, width + 2, channels + channels // 2), np.float32)
         table[1:-1, 1:-1, :channels] = self.texels
-        if self.wrap != "black":
-            before, behind = (-2, 1) if self.wrap == "repeat" else (1, -2)
-            table[0], table[-1] = table[before], table[behind]
-            table[:, 0], table[:, -1] = table[:, before], table[:, behind]
+        for wrap, rows in zip(self.wraps, (table.swapaxes(0, 1), table), strict=True):
+            if wrap != "black":
+                before, behind = (-2, 1) if wrap == "repeat" else (1, -2)
+                rows[0], rows[-1] = rows[before], rows[behind]
         object.__setattr__(self, "texels", table[1:-1, 1:-1, :channels])  # large images are kept once
         return table.reshape(-1, table.shape[2])
 
@@ -118,7 +126,7 @@ class Image:
         """Return values ``(C, N)`` at coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
         s = uv[0] * np.float32(self.scale[0]) + np.float32(self.offset[0])
         t = uv[1] * np.float32(self.scale[1]) + np.float32(self.offset[1])
-        return self.at(s - np.floor(s), t - np.floor(t)) if self.wrap == "repeat" else self.at(s, t)
+        return self.at(*(_folded(x, wrap) for x, wrap in zip((s, t), self.wraps, strict=True)))
 
     def at(self, s: Array, t: Array) -> Array:
         """Return values ``(C, N)`` at coordinates in the image, `s` and `t` ``(N,)``; in [0, 1] if it repeats."""
@@ -143,6 +151,13 @@ class Image:
     def _gather(self, row: np.ndarray, weight: Array, channels: int) -> Array:
         """Return texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
         return np.multiply(self._rows.take(row, axis=0).T[:channels], weight, order="C")
+
+
+def _folded(x: Array, wrap: Wrap) -> Array:
+    """Return coordinates of an image in [0, 1] if it repeats or is mirrored, else as they are."""
+    if wrap == "mirror":
+        return 1 - np.abs(x - 2 * np.floor(x / 2) - 1)
+    return x - np.floor(x) if wrap == "repeat" else x
 
 
 def halved(texels: Array) -> Array:
@@ -257,7 +272,7 @@ def check_values(
     numbers: Array = value.texels if textured else np.asarray(value, float).reshape(-1)
     if (textured and not image) or numbers.shape[-1] not in ((1, 3) if rgb else (1,)):
         rule = _KINDS[rgb, image]
-    elif textured and value.wrap == "black" and not least <= 0 <= most:
+    elif textured and "black" in value.wraps and not least <= 0 <= most:
         rule += ", an image with another wrap than black"
     elif (numbers >= least).all() and (numbers <= most).all():
         return numbers

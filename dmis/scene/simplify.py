@@ -41,7 +41,7 @@ def _fold_constant_images(lobe: Any) -> Any:
     changes: dict[str, Any] = {}
     for name, value in parameters(lobe):
         if isinstance(value, Image):
-            if value.wrap != "black" and (value.texels == value.texels[0, 0]).all():
+            if "black" not in value.wraps and (value.texels == value.texels[0, 0]).all():
                 texel = value(np.zeros((2, 1), np.float32))[:, 0].tolist()
                 changes[name] = tuple(texel) if name in lobe.colours else texel[0]
         elif isinstance(value, Parameters) and (folded := _fold_constant_images(value)) is not value:

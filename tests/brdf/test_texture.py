@@ -8,7 +8,7 @@ import pytest
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.texture import Image, scale
+from dmis.brdf.texture import Image, Wrap, scale
 
 TEXELS = np.random.default_rng(4).random((3, 4, 3)).astype(np.float32)
 
@@ -100,6 +100,23 @@ def test_products() -> None:
         scale(grey, grey)
 
 
+@pytest.mark.parametrize("across", ["repeat", "mirror", "clamp"])
+@pytest.mark.parametrize("down", ["repeat", "mirror", "clamp"])
+def test_wrap_of_each_axis(across: Wrap, down: Wrap) -> None:
+    """An image is the same as one that holds its neighbours, also between texels; a pair of one is that one."""
+    texels = np.random.default_rng(3).random((3, 4, 1))
+
+    def neighbours(n: int, wrap: Wrap) -> Array:
+        k = np.arange(-n, 2 * n)
+        return {"repeat": k % n, "mirror": np.where((k < 0) | (k >= n), -k - 1, k) % n, "clamp": k.clip(0, n - 1)}[wrap]
+
+    large = Image(texels[neighbours(3, down)][:, neighbours(4, across)], (1 / 3, 1 / 3), (1 / 3, 1 / 3))
+    uv = (2.6 * np.random.default_rng(4).random((2, 200)) - 0.8).astype(np.float32)
+    image = Image(texels, wrap=(across, down))
+    np.testing.assert_allclose(image(uv), large(uv), atol=2e-5)
+    assert (image.wrap == across) == (across == down)
+
+
 @pytest.mark.parametrize(
     "texels, options, message",
     [
@@ -107,7 +124,8 @@ def test_products() -> None:
         (np.ones((2, 2, 2)), {}, "texels must have shape"),
         (np.ones((0, 2, 3)), {}, "texels must have shape"),
         (np.full((1, 1, 1), np.nan), {}, "texels must be finite"),
-        (np.ones((1, 1, 1)), {"wrap": "mirror"}, "wrap must be"),
+        (np.ones((1, 1, 1)), {"wrap": "mirrored"}, "wrap must be repeat or mirror or black or clamp; got 'mirrored'"),
+        (np.ones((1, 1, 1)), {"wrap": ("repeat", None)}, "wrap must be .*; got None"),
         (np.ones((1, 1, 1)), {"scale": (1e39, 1)}, r"scale must be within 1e\+15"),
         (np.ones((1, 1, 1)), {"offset": (0, np.nan)}, r"offset must be within 1e\+15"),
     ],
