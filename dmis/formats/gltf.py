@@ -23,24 +23,15 @@ from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.light import Light
 from dmis.scene.camera import Camera
 
-EXTENSIONS = (
-    "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_specular",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-)
-"""Extensions that are read; others are named as left out."""
 HEIGHT = 480
 """Pixels of the height of an image by a camera of the file."""
 
 
-def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
-    """Add the triangles, lights and cameras of a glTF file to a model; `bare`: count nothing of its materials."""
+def read_gltf(gltf: Gltf, model: Model) -> None:
+    """Add the triangles, lights and cameras of a glTF file to a model; of a bare one no notes on its materials."""
     materials = Materials(gltf)
     joined: dict[Any, list[Mesh]] = {}
-    for number, (whole, colours, material) in enumerate(gltf.primitives()):
+    for number, (whole, colours, material) in enumerate(gltf.primitives(materials.coordinates)):
         if materials.is_clear(material) or (mesh := model.drop_flat(whole)) is None:
             continue
         image = None
@@ -66,10 +57,8 @@ def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
             lights = gltf.json["extensions"]["KHR_lights_punctual"]["lights"]
             model.lights.append(_light(lights[of_node["light"]], matrix))
     gltf.unread["animation"] += len(gltf.json.get("animations", []))
-    for name in gltf.json.get("extensionsUsed", []):
-        of_material = name.startswith("KHR_materials_")
-        gltf.unread[f"extension {name}"] += name not in EXTENSIONS and not (bare and of_material)
-    model.unread.update(gltf.unread if bare else materials.unread + gltf.unread)
+    gltf.unread.update(f"extension {name}" for name in gltf.unread_extensions("extensionsUsed"))
+    model.unread.update(gltf.unread if gltf.bare else materials.unread + gltf.unread)
 
 
 def _with_colours(materials: Materials, material: int | None, mesh: Mesh, given: Floats) -> tuple[Mesh, Any]:

@@ -7,6 +7,7 @@ of the base colour is an image, it is a mask. The occlusion texture is no light 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from functools import lru_cache
@@ -15,16 +16,25 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from dmis.base.vectors import Array
 from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
 from dmis.brdf.relief import NormalMap
-from dmis.brdf.texture import Image, scale
+from dmis.brdf.texture import Image, Wrap, scale
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
 from dmis.image_reader import decode_image, linear_values
 from dmis.scene.masks import Mask
 
-_CLAMP, _MIRROR, _NEAREST = 33071, 33648, 9728
+_WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
+_NEAREST = 9728
+
+
+def _place(info: Mapping[str, Any]) -> tuple[int, float, Any, Any]:
+    """Return the set of coordinates of a texture, and its rotation, scale and offset."""
+    place = info.get("extensions", {}).get("KHR_texture_transform", {})
+    texture_set = place.get("texCoord", info.get("texCoord", 0))
+    return texture_set, place.get("rotation", 0), place.get("scale", [1, 1]), place.get("offset", [0, 0])
 
 
 class Materials:
@@ -52,6 +62,21 @@ class Materials:
         entry = self.entry(number)
         return any(name.endswith("Texture") for name in (*entry, *entry.get("pbrMetallicRoughness", {})))
 
+    def _infos(self, number: int | None) -> dict[str, Any]:
+        """Return the descriptions of a material's textures by name, that of the base colour first."""
+        infos = {**self.entry(number).get("pbrMetallicRoughness", {}), **self.entry(number)}
+        names = "baseColorTexture", "metallicRoughnessTexture", "normalTexture", "emissiveTexture"
+        return {name: infos[name] for name in names if name in infos}
+
+    def coordinates(self, number: int | None) -> tuple[int, Array | None]:
+        """Return the set of texture coordinates of a material's first texture, and the matrix that turns them.
+
+        It is ``(2, 2)``, or None. Textures for which they differ are left out.
+        """
+        texture_set, rotation, factors, _ = _place(next(iter(self._infos(number).values()), {}))
+        cos, sin = math.cos(rotation), math.sin(rotation)
+        return texture_set, np.array([[cos, -sin], [sin, cos]]) * factors if rotation else None
+
     def _material(self, number: int | None, colours: Image | tuple[float, ...] | None = None) -> Material:
         """Return a material, with `colours` that multiply its base colour."""
         entry = self.entry(number)
@@ -60,20 +85,20 @@ class Materials:
         name = entry.get("name") or ("default" if number is None else f"material {number}")
         self.leave_out(f"base colour above 1 of {name!r}", number, max(base) > 1)
         colour: Any = tuple(min(x, 1.0) for x in base)
-        if (image := self.texture(surface, "baseColorTexture")) is not None:
+        if (image := self.texture(number, "baseColorTexture")) is not None:
             colour = image if min(colour) == 1 else scale(colour, image)
         if colours is not None:
             colour = scale(colour, colours)
         metallic, roughness = surface.get("metallicFactor", 1.0), surface.get("roughnessFactor", 1.0)
-        rough = self.texture(surface, "metallicRoughnessTexture", True, channel=1)
+        rough = self.texture(number, "metallicRoughnessTexture", True, channel=1)
         if rough is not None and isinstance(colour, Image) and rough.place != colour.place:
             self.leave_out("metalness and roughness placed apart from the base colour", number)
         elif rough is not None:
             roughness = scale(roughness, rough)
-            metal = cast(Image, self.texture(surface, "metallicRoughnessTexture", True, channel=2))
+            metal = cast(Image, self.texture(number, "metallicRoughnessTexture", True, channel=2))
             metallic = scale(metallic, metal) if metallic and metal.texels.any() else 0.0  # which takes no image
         relief = None
-        if (image := self.texture(entry, "normalTexture", True)) is not None:
+        if (image := self.texture(number, "normalTexture", True)) is not None:
             relief = NormalMap(image, entry["normalTexture"].get("scale", 1.0))
         coat = extensions.get("KHR_materials_specular", {})
         self.leave_out("colour of a coat", entry, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
@@ -92,7 +117,7 @@ class Materials:
         """Return the holes that the opacity of a material's texture cuts; None if there are none."""
         entry = self.entry(number)
         mode, surface = entry.get("alphaMode", "OPAQUE"), entry.get("pbrMetallicRoughness", {})
-        image = self.texture(surface, "baseColorTexture", channel=3) if mode in ("MASK", "BLEND") else None
+        image = self.texture(number, "baseColorTexture", channel=3) if mode in ("MASK", "BLEND") else None
         if image is None or mesh.uv is None:
             return None
         factor = min(max(surface.get("baseColorFactor", (1, 1, 1, 1))[3], 0.0), 1.0)
@@ -113,20 +138,20 @@ class Materials:
         radiance = tuple(strength * x for x in entry.get("emissiveFactor", (0, 0, 0)))
         if not any(radiance) or "emissiveTexture" not in entry:
             return radiance if any(radiance) else None
-        image = self.texture(entry, "emissiveTexture")
+        image = self.texture(number, "emissiveTexture")
         return None if image is None or mesh.uv is None or not image.texels.any() else scale(radiance, image)
 
-    def texture(
-        self, owner: Mapping[str, Any], name: str, linear: bool = False, channel: int | None = None
-    ) -> Image | None:
+    def texture(self, number: int | None, name: str, linear: bool = False, channel: int | None = None) -> Image | None:
         """Return the image of a texture, of all colours or of a `channel`, 3: opacity; None if there is none, or it is
         counted as left out.
         """
-        if (info := owner.get(name)) is None:
+        infos = self._infos(number)
+        if (info := infos.get(name)) is None:
             return None
-        transform = info.get("extensions", {}).get("KHR_texture_transform", {})
-        if transform.get("texCoord", info.get("texCoord", 0)) != 0:
-            self.leave_out("texture with a second set of coordinates", info)
+        texture_set, rotation, (s, t), (u, v) = _place(info)
+        first = _place(infos[next(iter(infos))])
+        if (texture_set, rotation) != first[:2] or (rotation and [s, t] != first[2]):
+            self.leave_out(f"{name} with other coordinates or another rotation than {next(iter(infos))}", info)
             return None
         texture = self._gltf.json["textures"][info["index"]]
         if "source" not in texture:
@@ -136,20 +161,16 @@ class Materials:
         if not uri.startswith("data:") and self._gltf.file(uri) is None:
             self.leave_out(f"missing file {unquote(uri)[-60:]!r}", uri)
             return None
-        self.leave_out("rotated texture", info, transform.get("rotation", 0) != 0)
         sampler = self._gltf.json["samplers"][texture["sampler"]] if "sampler" in texture else {}
-        wraps = {sampler.get("wrapS", 10497), sampler.get("wrapT", 10497)}
-        kind = "texture that is mirrored or clamped along one axis (it is repeated)"
-        self.leave_out(kind, info, len(wraps) > 1 or _MIRROR in wraps)
-        s, t = transform.get("scale", (1, 1))
-        u, v = transform.get("offset", (0, 0))  # from the top, v downwards: here it is upwards
+        wrap = _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
+        if rotation:  # `coordinates` scales
+            s = t = 1
         pixels = self._pixels(texture["source"])[::-1]
         if channel == 3:
             pixels = np.ones((1, 1, 1), np.float32) if pixels.shape[2] in (1, 3) else pixels[..., -1:]
         elif channel is not None and pixels.shape[2] > 2:
             pixels = pixels[..., channel : channel + 1]
         texels = linear_values(pixels, linear or channel == 3)
-        wrap: Any = "clamp" if wraps == {_CLAMP} else "repeat"
         return Image(texels, (s, t), (u, 1 - t - v), wrap, sampler.get("magFilter") == _NEAREST)
 
     def _decoded(self, number: int) -> np.ndarray:

@@ -162,7 +162,7 @@ def read_file(path: Path, outside: bool, bare: bool) -> Model:
             model.unread.clear()
     elif path.suffix.lower() in (".glb", ".gltf"):
         with reading(path) as data:
-            read_gltf(Gltf(path, data, outside), model, bare)
+            read_gltf(Gltf(path, data, outside, bare), model)
     else:
         if (mesh := model.drop_flat(load_mesh(path))) is not None:
             model.add(mesh)

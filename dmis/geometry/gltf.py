@@ -10,7 +10,7 @@ import json
 import math
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -28,10 +28,26 @@ MAX_FACES = 2**25
 """Most triangles of a mesh file, all instances counted."""
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_NEEDED = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"
-"""Extensions without which the triangles of a file that requires them cannot be read."""
-_TRIANGLES = 4
-"""Mode of a list of triangles."""
+EXTENSIONS = tuple(
+    "KHR_lights_punctual KHR_materials_emissive_strength KHR_materials_ior KHR_materials_specular "
+    "KHR_mesh_quantization KHR_texture_transform".split()
+)
+"""Extensions that are read."""
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+"""Modes of a list, a strip and a fan of triangles."""
+_NUMBERS = {
+    "a whole number": "index texCoord bufferView buffer byteOffset byteLength byteStride count componentType mesh "
+    "camera light material mode source sampler wrapS wrapT magFilter scene primitives.indices",
+    "a finite number": "alphaCutoff metallicFactor roughnessFactor normalTexture.scale KHR_texture_transform.rotation "
+    "emissiveStrength ior specularFactor intensity innerConeAngle outerConeAngle yfov aspectRatio xmag ymag",
+    "2 finite numbers": "offset KHR_texture_transform.scale",
+    "3 finite numbers": "translation nodes.scale emissiveFactor color specularColorFactor",
+    "4 finite numbers": "nodes.rotation baseColorFactor",
+    "16 finite numbers": "matrix",
+    "finite numbers": "weights",
+}
+"""Fields of numbers by what they must be; with their owner where others have the name."""
+_FORM = {field: form for form, fields in _NUMBERS.items() for field in fields.split()}
 
 
 @dataclass(eq=False)
@@ -44,6 +60,8 @@ class Gltf:
         The file, and whether it may name files outside of its folder.
     data
         Its bytes.
+    bare
+        Whether its materials are not used.
     unread
         Numbers of things that are left out, by kind.
     """
@@ -51,6 +69,7 @@ class Gltf:
     path: Path
     data: bytes
     outside: bool = False
+    bare: bool = False
     unread: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
@@ -64,9 +83,18 @@ class Gltf:
                 raise ValueError(f"it is cut off: it must have {max(length, end)} bytes; it has {len(self.data)}")
             text, self._binary = self.data[20:end], self.data[end + 8 :]
         self.json: dict[str, Any] = json.loads(text)
-        if missing := set(_NEEDED) & set(self.json.get("extensionsRequired", [])):
-            name = missing.pop()
-            raise ValueError(f"its triangles are compressed ({name}), which is not read; export it uncompressed")
+        version = str(self.json.get("asset", {}).get("version", "2.0"))
+        if version.partition(".")[0] != "2":
+            raise ValueError(f"it must be glTF of version 2; got version {version!r}; convert it")
+        _check_numbers(self.json)
+        if missing := self.unread_extensions("extensionsRequired"):
+            raise ValueError(f"it requires {', '.join(missing)}, which is not read; export it without, uncompressed")
+
+    def unread_extensions(self, key: str) -> list[str]:
+        """Return the extensions that the file lists and that would matter, ``extensionsUsed`` or those required."""
+        unused = ("_materials_", "_texture_") if self.bare else ()
+        names = set(self.json.get(key, ())) - set(EXTENSIONS)
+        return sorted(name for name in names if not any(word in name for word in unused))
 
     @cached_property
     def _buffers(self) -> list[bytes]:
@@ -99,21 +127,34 @@ class Gltf:
     def array(self, number: int) -> Any:
         """Return the elements of an accessor, ``(N, C)``: integers, or float64 where they are fractions."""
         accessor = self._item("accessors", number)
-        if "sparse" in accessor or "bufferView" not in accessor:
-            raise ValueError(f"its accessor {number} is sparse or has no data, which is not read; export it without")
         count, kind = accessor["count"], np.dtype(_TYPES[accessor["componentType"]])
-        columns, (data, stride) = _COLUMNS[accessor["type"]], self.view(accessor["bufferView"])
-        size, begin = kind.itemsize * columns, accessor.get("byteOffset", 0)
+        columns, sparse = _COLUMNS[accessor["type"]], accessor.get("sparse")
+        if "bufferView" in accessor:
+            table = self._elements(accessor, number, (count, columns), kind)
+        elif sparse and count <= sum(map(len, self._buffers)):  # no vertex takes less than a byte of another accessor
+            table = np.zeros((count, columns), kind)
+        else:
+            raise ValueError(f"its accessor {number} has no data, or more elements than the file has bytes: {count}")
+        if sparse:
+            places, changed = sparse["indices"], sparse["count"]
+            index = self._elements(places, number, (changed, 1), np.dtype(_TYPES[places["componentType"]]))[:, 0]
+            table = table.copy()
+            table[index.astype(np.uint32)] = self._elements(sparse["values"], number, (changed, columns), kind)
+        if accessor.get("normalized", False) and kind.kind in "iu":
+            return np.maximum(table / np.iinfo(kind).max, -1.0)
+        return table.astype(np.float64) if kind.kind == "f" else table.astype(np.int64)
+
+    def _elements(self, about: dict[str, Any], number: int, shape: tuple[int, int], kind: np.dtype[Any]) -> Any:
+        """Return elements of accessor `number` as they are stored, from the view and offset that `about` names."""
+        (count, columns), (data, stride) = shape, self.view(about["bufferView"])
+        size, begin = kind.itemsize * columns, about.get("byteOffset", 0)
         stride = stride or size
         fits = 0 < count <= len(data) and begin >= 0 and size <= stride
         if not (fits and begin + stride * (count - 1) + size <= len(data)):
             raise ValueError(
                 f"its accessor {number} must not have more elements than its {len(data)} bytes; got {count}"
             )
-        table = np.ndarray((count, columns), kind, data, begin, (stride, kind.itemsize))
-        if accessor.get("normalized", False) and kind.kind in "iu":
-            return np.maximum(table / np.iinfo(kind).max, -1.0)
-        return table.astype(np.float64) if kind.kind == "f" else table.astype(np.int64)
+        return np.ndarray(shape, kind, data, begin, (stride, kind.itemsize))
 
     def _item(self, kind: str, number: Any) -> dict[str, Any]:
         """Return an entry of a list of the description."""
@@ -143,11 +184,15 @@ class Gltf:
             stack += [(child, matrix) for child in node.get("children", [])[::-1]]
         return placed
 
-    def primitives(self) -> Iterator[tuple[Mesh, Floats | None, int | None]]:
-        """Yield the lists of triangles of the scene; other primitives, skins and morph targets are counted as left out.
+    def primitives(
+        self, coordinates: Callable[[int | None], tuple[int, Any]] = lambda material: (0, None)
+    ) -> Iterator[tuple[Mesh, Floats | None, int | None]]:
+        """Yield the triangles of the scene; points, lines and skins are counted as left out.
 
-        Each has its mesh in world space, whose texture coordinates are those of the first set, v from the bottom to the
-        top; colours of the vertices, ``(V, 3)`` or ``(V, 4)``, linear, and the number of its material, or None.
+        Each has its mesh in world space, with the default weights of its morph targets, and v of its texture
+        coordinates from the bottom to the top; colours of the vertices, ``(V, 3)`` or ``(V, 4)``, linear, and the
+        number of its material, or None. `coordinates` returns, for that number, the set of texture coordinates, and the
+        matrix ``(2, 2)`` that is applied to them, or None.
 
         Raises a ValueError if there are more than `MAX_FACES`, or thrice as many vertices, before any is yielded.
         """
@@ -156,38 +201,83 @@ class Gltf:
             if "mesh" not in node:
                 continue
             self.unread["skin (shown as it is modelled)"] += "skin" in node
-            for primitive in self._item("meshes", node["mesh"])["primitives"]:
-                self.unread["morph target"] += len(primitive.get("targets", []))
-                if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
-                    self.unread["set of points, lines, strips or fans"] += 1
+            mesh = self._item("meshes", node["mesh"])
+            for primitive in mesh["primitives"]:
+                if (mode := primitive.get("mode", _TRIANGLES)) not in (_TRIANGLES, _STRIP, _FAN):
+                    self.unread["set of points or lines"] += 1
                     continue
                 position = self._item("accessors", primitive["attributes"]["POSITION"])
                 corners = self._item("accessors", primitive["indices"]) if "indices" in primitive else position
-                total += max(corners["count"], position["count"]) // 3
-                listed += [(primitive, matrix)] if corners["count"] > 2 else []
+                total += max(corners["count"] // (3 if mode == _TRIANGLES else 1), position["count"] // 3)
+                weights = node.get("weights", mesh.get("weights", ()))
+                listed += [(primitive, weights, matrix)] if corners["count"] > 2 else []
         if total > MAX_FACES:
             most = f"{MAX_FACES} triangles, and {3 * MAX_FACES} vertices"
             raise ValueError(f"it must have at most {most}, because instances are copied")
-        for primitive, matrix in listed:
-            yield *self._placed(primitive, matrix), primitive.get("material")
+        for primitive, weights, matrix in listed:
+            material = primitive.get("material")
+            yield *self._placed(primitive, weights, matrix, *coordinates(material)), material
 
-    def _placed(self, primitive: dict[str, Any], matrix: Floats) -> tuple[Mesh, Floats | None]:
+    def _placed(
+        self, primitive: dict[str, Any], weights: Sequence[float], matrix: Floats, texture_set: int, turn: Any
+    ) -> tuple[Mesh, Floats | None]:
         """Return the triangles of a primitive moved by `matrix`, and the colours of their vertices."""
-        attributes = primitive["attributes"]
-        vertices = np.asarray(self.array(attributes["POSITION"]), np.float64)
+        names = "POSITION", "NORMAL", f"TEXCOORD_{texture_set}", "COLOR_0"
+        vertices, given, uv, colours = (self._attribute(primitive, name, weights) for name in names)
         index = self.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
-        faces = index[: len(index) // 3 * 3].reshape(-1, 3)
+        faces = _triangles(index, primitive.get("mode", _TRIANGLES))
         linear = matrix[:3, :3]
         mirrored = np.linalg.det(linear) < 0
         world = vertices @ linear.T + matrix[:3, 3]
-        normals = uv = None
-        if "NORMAL" in attributes and np.linalg.cond(linear) < 1e12:  # else it is flat, and so are its normals
-            given = np.asarray(self.array(attributes["NORMAL"]), np.float64)
+        normals = None
+        if given is not None and np.linalg.cond(linear) < 1e12:  # else it is flat, and so are its normals
             normals = repair_normals(vertices, faces, given) @ np.linalg.inv(linear)
-        if "TEXCOORD_0" in attributes:
-            uv = np.asarray(self.array(attributes["TEXCOORD_0"]), np.float64) * (1, -1) + (0, 1)
-        colours = np.asarray(self.array(attributes["COLOR_0"]), np.float64) if "COLOR_0" in attributes else None
+        if uv is not None:
+            uv = (uv if turn is None else uv @ turn.T) * (1, -1) + (0, 1)
         return Mesh(world, faces[:, ::-1] if mirrored else faces, normals, uv), colours
+
+    def _attribute(self, primitive: dict[str, Any], name: str, weights: Sequence[float]) -> Any:
+        """Return an attribute of the vertices plus `weights` times those of the morph targets; None if there is none.
+
+        It is float64, ``(V, C)``.
+        """
+        if name not in primitive["attributes"]:
+            return None
+        values = np.asarray(self.array(primitive["attributes"][name]), np.float64)
+        for weight, target in zip(weights, primitive.get("targets", ()), strict=False):
+            if weight and name in target:
+                values = values + weight * self.array(target[name])
+        return values
+
+
+def _triangles(index: Any, mode: int) -> Any:
+    """Return the faces ``(F, 3)`` of a list, strip or fan of vertices ``(N,)``."""
+    k = np.arange(len(index) - 2)[:, None]
+    strip = k + np.where(k % 2, (0, 2, 1), (0, 1, 2))
+    return index[{_TRIANGLES: k[::3] + (0, 1, 2), _STRIP: strip, _FAN: np.hstack([k + 1, k + 2, 0 * k])}[mode]]
+
+
+def _check_numbers(value: Any, path: str = "", owner: str = "") -> None:
+    """Raise a ValueError that names the first field of the description that must have numbers and has others.
+
+    `path` is the place of `value` in it, `owner` the last name of that. Extensions that are not read are passed over.
+    """
+    entries: Any = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for name, entry in entries:
+        place, inner = (f"{path}[{name}]", owner) if isinstance(value, list) else (f"{path}.{name}", name)
+        form = _FORM.get(name) or _FORM.get(f"{owner}.{name}")
+        passed = name in ("extras", "animations", "skins") or (owner == "extensions" and name not in EXTENSIONS)
+        if form is None and not passed:
+            _check_numbers(entry, place, inner)
+        elif form is not None and not _has_form(entry, *form.split()[:2]):
+            raise ValueError(f"its {place[1:]} must be {form}; got {str(entry)[:60]}")
+
+
+def _has_form(value: Any, count: str, kind: str) -> bool:
+    """Return whether a value is what the first two words of a form of `_NUMBERS` say."""
+    values, kinds = [value] if count == "a" else value, (int,) if kind == "whole" else (int, float)
+    right = isinstance(values, list) and all(type(x) in kinds and math.isfinite(x) for x in values)
+    return right and (not count.isdigit() or len(values) == int(count))
 
 
 def _local(node: dict[str, Any]) -> Floats:

@@ -86,7 +86,7 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
         if suffix == ".obj":
             mesh = concatenate(list(read_obj(data)[0].values()))
         elif suffix in (".glb", ".gltf"):
-            mesh = concatenate([mesh for mesh, *_ in Gltf(path, data).primitives()])
+            mesh = concatenate([mesh for mesh, *_ in Gltf(path, data, bare=True).primitives()])
         else:
             mesh = _load(data, suffix)
     if smooth is None or smooth == (mesh.normals is not None):

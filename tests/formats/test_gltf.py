@@ -1,21 +1,18 @@
 """glTF files: each feature and each habit of exporters against the same scene made by hand."""
 
-import base64
-import io
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, glb, script
-from PIL import Image as PIL
+from gltf_file import CORNERS, FACES, File
+from helpers import Z_LIMIT, script
 
 import dmis
 from dmis.brdf.diffuse import Lambert
-from dmis.formats.gltf import EXTENSIONS
 from dmis.formats.obj import READ
+from dmis.geometry.gltf import EXTENSIONS
 from dmis.geometry.mesh_files import load_mesh
 from dmis.image import encode_png
 from dmis.image_reader import IMAGE_SUFFIXES
@@ -24,74 +21,7 @@ from dmis.scene.scene import SceneWarning
 pytest.importorskip("OpenImageIO")
 room = script("scenes/make_room.py")
 
-CORNERS = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], np.float32)
-FACES = np.array([0, 1, 2, 0, 2, 3])
-UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)  # v from the top
-TYPES = {"f4": 5126, "u4": 5125, "u2": 5123, "u1": 5121, "i2": 5122, "i1": 5120}
 DIRECT = {"settings": dmis.Settings(integrator="direct"), "parallel": 1}
-KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
-
-
-class File:
-    """A glTF file that grows: arrays and images go into its buffer."""
-
-    def __init__(self):
-        self.json = {"asset": {"version": "2.0"}, "accessors": [], "bufferViews": [], "nodes": [], "meshes": []}
-        self.json |= {"materials": [], "textures": [], "images": []}
-        self.body = b""
-
-    def view(self, data, **more):
-        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.body), "byteLength": len(data), **more})
-        self.body += data + b"\0" * (-len(data) % 4)
-        return len(self.json["bufferViews"]) - 1
-
-    def accessor(self, view, table, **more):
-        columns = 1 if table.ndim == 1 else table.shape[1]
-        about = {"bufferView": view, "componentType": TYPES[table.dtype.str[1:]], "count": len(table)}
-        self.json["accessors"].append({**about, "type": KINDS[columns], **more})
-        return len(self.json["accessors"]) - 1
-
-    def array(self, table, **more):
-        return self.accessor(self.view(table.tobytes()), table, **more)
-
-    def mesh(self, material=None, corners=CORNERS, faces=FACES, uv=UV, node=None, **attributes):
-        """Add a mesh of one primitive and its node."""
-        names = {"POSITION": self.array(corners), **{k: self.array(v) for k, v in attributes.items()}}
-        if uv is not None:
-            names["TEXCOORD_0"] = self.array(uv)
-        primitive = {"attributes": names}
-        if faces is not None:
-            primitive["indices"] = self.array(faces.astype(np.uint16))
-        return self.primitives([primitive], material, node)
-
-    def primitives(self, primitives, material=None, node=None):
-        for primitive in primitives:
-            if material is not None:
-                primitive["material"] = len(self.json["materials"])
-        if material is not None:
-            self.json["materials"].append(material)
-        self.json["meshes"].append({"primitives": primitives})
-        self.json["nodes"].append({"mesh": len(self.json["meshes"]) - 1, **(node or {})})
-        return self
-
-    def texture(self, pixels, **more):
-        data = io.BytesIO()
-        PIL.fromarray(pixels).save(data, "PNG")
-        self.json["images"].append({"bufferView": self.view(data.getvalue()), "mimeType": "image/png"})
-        self.json["textures"].append({"source": len(self.json["images"]) - 1, **more})
-        return len(self.json["textures"]) - 1
-
-    def write(self, path):
-        document = {key: value for key, value in self.json.items() if value != []}
-        if path.suffix == ".gltf":
-            uri = f"data:application/octet-stream;base64,{base64.b64encode(self.body).decode()}"
-            path.write_text(json.dumps({"buffers": [{"byteLength": len(self.body), "uri": uri}], **document}))
-            return path
-        path.write_bytes(glb({"buffers": [{"byteLength": len(self.body)}], **document}, self.body))
-        return path
-
-    def load(self, tmp_path, name="a.glb", **options):
-        return dmis.load_scene(self.write(tmp_path / name), **options)
 
 
 def triangles(scene, part=0):
@@ -180,9 +110,59 @@ def test_triangles_without_indices(tmp_path):
 
 def test_points_and_lines_are_left_out(tmp_path):
     file = File().mesh()
-    file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1, 5)]
-    with pytest.warns(SceneWarning, match=r"left out: set of points, lines, strips or fans \(3\)$"):
+    file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1, 3)]
+    with pytest.warns(SceneWarning, match=r"left out: set of points or lines \(3\)$"):
         assert len(file.load(tmp_path).parts) == 2  # with the default lamp's
+
+
+HEXAGON = np.float32([[np.cos(a), np.sin(a), 0] for a in np.radians([0, 60, 300, 120, 240, 180])])
+
+
+@pytest.mark.parametrize("mode, order", [(5, [0, 1, 2, 3, 4, 5]), (6, [0, 1, 3, 5, 4, 2])])
+@pytest.mark.parametrize("indices", [True, False])
+def test_strips_and_fans(tmp_path, mode, order, indices):
+    """Their triangles fill the hexagon once, and all face the same side."""
+    primitive = {"mode": mode}
+    file = File()
+    if indices:
+        primitive |= {"attributes": {"POSITION": file.array(HEXAGON)}, "indices": file.array(np.uint16(order))}
+    else:
+        primitive["attributes"] = {"POSITION": file.array(HEXAGON[order])}
+    corners = triangles(file.primitives([primitive]).load(tmp_path, lights=[]))
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2
+    assert len(areas) == 4 and (areas > 0).all() and areas.sum() == pytest.approx(1.5 * np.sqrt(3))
+
+
+def test_sparse_arrays(tmp_path):
+    """Some elements are others than those of the view; without a view, the rest is 0."""
+    file = File()
+    moved = {"indices": {"bufferView": file.view(np.uint8([3, 1]).tobytes()), "componentType": 5121}, "count": 2}
+    moved["values"] = {"bufferView": file.view(np.float32([[0, 5, 0], [7, 0, 1]]).tobytes())}
+    base = file.array(CORNERS, sparse=moved)
+    delta = len(file.json["accessors"])
+    file.json["accessors"].append({"componentType": 5126, "count": 4, "type": "VEC3", "sparse": moved})
+    file.primitives([{"attributes": {"POSITION": base}, "indices": file.array(FACES.astype(np.uint16))}])
+    file.primitives([{"attributes": {"POSITION": delta}, "indices": file.array(np.uint16([0, 1, 3]))}])
+    changed = CORNERS.copy()
+    changed[[3, 1]] = (0, 5, 0), (7, 0, 1)
+    expected = [*changed[FACES.reshape(-1, 3)], [(0, 0, 0), (7, 0, 1), (0, 5, 0)]]
+    np.testing.assert_array_equal(triangles(file.load(tmp_path, lights=[])), expected)
+
+
+@pytest.mark.parametrize("of_node", [True, False])
+def test_default_weights_of_morph_targets(tmp_path, of_node):
+    """Those of the node replace those of the mesh."""
+    file = File().mesh(NORMAL=np.tile(np.float32([0, 0, 1]), (4, 1)), node={"weights": [0.5, 2]} if of_node else None)
+    lift = np.float32([[0, 0, 2]]).repeat(4, axis=0)
+    targets = [{"POSITION": file.array(lift), "NORMAL": file.array(lift[:, [2, 1, 0]] / 2)}, {"POSITION": 0}]
+    file.json["meshes"][0]["primitives"][0]["targets"] = targets
+    file.json["meshes"][0]["weights"] = [1, 0]
+    scene = file.load(tmp_path, lights=[])
+    expected = 3 * EXPECTED + [0, 0, 1] if of_node else EXPECTED + [0, 0, 2]
+    np.testing.assert_allclose(triangles(scene), expected)
+    normal = np.array([0.5, 0, 1] if of_node else [1, 0, 1])
+    np.testing.assert_allclose(scene.parts[0].mesh.normals[0], normal / np.linalg.norm(normal), atol=1e-6)
+    assert "unread" not in scene.source
 
 
 def test_several_primitives_and_instances(tmp_path):
@@ -262,6 +242,31 @@ def test_base_colour(tmp_path):
     np.testing.assert_allclose(texel, np.einsum("i,j,ijc->c", [1 - a, a], [1 - b, b], tile), rtol=1e-3)
 
 
+WRAPS = {33071: lambda x: np.clip(x, 0, 1), 33648: lambda x: 1 - abs(x % 2 - 1), 10497: lambda x: x % 1}
+
+
+@pytest.mark.parametrize("wraps", [(33071, 10497), (33648, 33071), (10497, 33648), (33648, 33648)])
+@pytest.mark.parametrize("rotation", [0, 0.6])
+def test_textures_that_are_placed(tmp_path, wraps, rotation):
+    """By a second set of coordinates, rotated, and wrapped along each axis, looked up from the formulas again."""
+    file = File()
+    place = {"scale": [2, 3], "offset": [0.1, 0.2], "rotation": rotation}
+    sampler = {"wrapS": wraps[0], "wrapT": wraps[1], "magFilter": 9728}
+    texture = {"index": file.texture(PIXELS, sampler=0), "texCoord": 1}
+    file.json["samplers"] = [sampler]
+    texture["extensions"] = {"KHR_texture_transform": place}
+    second = np.float32([[0.3, 0.9], [0.9, 0.8], [1.3, 0.2], [-0.2, 0.45]])
+    surface = {"baseColorTexture": texture, "metallicFactor": 0}
+    scene = file.mesh({"pbrMetallicRoughness": surface, "extensions": MATTE}, TEXCOORD_1=second).load(tmp_path)
+    part, cos, sin = scene.parts[0], np.cos(rotation), np.sin(rotation)
+    got = part.material.lobes[0].reflectance(np.float32(part.mesh.uv.T)).T
+    for (s, t), colour in zip(second * [2, 3], got, strict=True):
+        x, y = s * cos - t * sin + 0.1, s * sin + t * cos + 0.2
+        column, row = (int(min(WRAPS[wrap](z) * n, n - 1)) for wrap, z, n in zip(wraps, (x, y), (6, 4), strict=True))
+        np.testing.assert_allclose(colour, linear(PIXELS)[row, column], rtol=1e-5)
+    assert "unread" not in scene.source
+
+
 def test_metal_and_roughness(tmp_path):
     """Roughness is in the green channel, metalness in the blue, neither is sRGB; both have factors."""
     file = File()
@@ -316,28 +321,29 @@ def test_emission_is_a_mesh_light(tmp_path):
     """On both sides if the material is double-sided."""
     strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 5}}
     lamp = {"emissiveFactor": [1, 0.5, 0], "extensions": strength}
-    (light,) = File().mesh(lamp).load(tmp_path).lights
+    (light,) = File().mesh(lamp).load(tmp_path, lights=[]).lights
     assert light.radiance == (5, 2.5, 0) and len(light.faces) == 2
-    scene = File().mesh({**lamp, "doubleSided": True}).load(tmp_path)
+    scene = File().mesh({**lamp, "doubleSided": True}).load(tmp_path, lights=[])
     assert len(scene.lights[0].faces) == 4 and scene.parts[0].mesh.triangles == 4
     p = np.float32([[1], [0.4], [-1]])
     assert scene.lights[0].hit(p, np.float32([[0], [0], [1]])).emits.all()
 
 
-def test_emission_of_an_image(tmp_path):
+@pytest.mark.parametrize("colour", [(255, 200, 80), (200, 200, 200)])
+def test_emission_of_an_image(tmp_path, colour):
     """Camera rays see the image, and light samples, BRDF samples and both make the same light of it."""
     file = File()
     pixels = np.zeros((8, 8, 3), np.uint8)
-    pixels[:3, 4:] = 255, 200, 80
+    pixels[:3, 4:] = colour
     lamp = {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": file.texture(pixels)}}
     file.mesh(lamp)
     floor = np.float32([[-2, -0.5, -2], [4, -0.5, -2], [4, -0.5, 3], [-2, -0.5, 3]])
     file.mesh({"pbrMetallicRoughness": {"metallicFactor": 0}, "extensions": MATTE}, floor, FACES[::-1])
     front = dmis.Camera.look_at((1, 0.5, 5), (1, 0.5, 0), (0, 1, 0), fov=9, resolution=(8, 8))
-    image = dmis.render(file.load(tmp_path, camera=front), "balance", 16, **DIRECT).image
+    image = dmis.render(file.load(tmp_path, camera=front, lights=[]), "balance", 16, **DIRECT).image
     assert image[:3, 5:7].min() > 0.05 and image[5:].max() == 0 and image[:, :2].max() == 0
     down = dmis.Camera.look_at((1, 4, 2), (1, -0.5, 1), (0, 1, 0), fov=30, resolution=(8, 8))
-    scene = file.load(tmp_path, camera=down)
+    scene = file.load(tmp_path, camera=down, lights=[])
     values = [
         [dmis.render(scene, rule, 64, seed=k, **DIRECT).image.mean() for k in range(8)]
         for rule in ("fixed:1", "fixed:0", "balance")
@@ -482,7 +488,7 @@ def test_what_is_left_out_is_named(tmp_path):
     clear = np.full((2, 2), 255, np.uint8)
     texture = file.texture(clear, sampler=0)
     file.json |= {
-        "samplers": [{"wrapS": 33648}],
+        "samplers": [{"wrapS": 33648}],  # which is read
         "animations": [{}],
         "extensionsUsed": [*EXTENSIONS, "KHR_materials_sheen"],
     }
@@ -492,12 +498,12 @@ def test_what_is_left_out_is_named(tmp_path):
         "emissiveFactor": [1] * 3,
     }
     file.mesh({**material, "pbrMetallicRoughness": {"baseColorTexture": {"index": texture}}})
+    path = file.write(tmp_path / "a.glb")
     with pytest.warns(SceneWarning) as caught:
-        scene = file.load(tmp_path)
+        scene = dmis.load_scene(path)
     assert set(scene.source["unread"]) == {
         "texture of a coat",
-        "texture with a second set of coordinates",
-        "texture that is mirrored or clamped along one axis (it is repeated)",
+        "emissiveTexture with other coordinates or another rotation than baseColorTexture",
         "animation",
         "extension KHR_materials_sheen",
     }
@@ -511,15 +517,38 @@ def test_what_is_left_out_is_named(tmp_path):
             {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 10**7, "type": "VEC3"}]},
             "more elements than",
         ),
-        ({"accessors": [{"componentType": 5126, "count": 10**7, "type": "VEC3"}]}, "is sparse or has no data"),
+        ({"accessors": [{"componentType": 5126, "count": 10**7, "type": "VEC3"}]}, "accessor 0 has no data"),
+        (
+            {"accessors": [{"componentType": 5126, "count": 10**7, "type": "VEC3", "sparse": {"count": 1}}]},
+            "has no data, or more elements than the file has bytes: 10000000",
+        ),
         ({"bufferViews": [{"buffer": 0, "byteLength": 10**9}]}, "must be within the .* bytes of its buffer"),
         ({"buffers": [{"byteLength": 4, "uri": "../outside.bin"}]}, "is outside of the folder .*--allow-outside"),
         ({"buffers": [{"byteLength": 4, "uri": "no.bin"}]}, "there is no file 'no.bin' in its folder"),
         ({"nodes": [{"mesh": 0, "children": [1]}, {"children": [2]}, {"children": [1]}]}, "has several parents"),
         ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "has several parents"),
         ({"nodes": [{"mesh": 5}]}, "names number 5 of its meshes, of which it has 1"),
-        ({"extensionsRequired": ["EXT_meshopt_compression"]}, "compressed .EXT_meshopt_compression."),
-        ({"nodes": [{"mesh": 0, "scale": [1e400, 1, 1]}]}, "must be finite and affine"),
+        ({"extensionsRequired": ["EXT_meshopt_compression"]}, "requires EXT_meshopt_compression, which is not read"),
+        ({"extensionsRequired": ["KHR_materials_volume"]}, "requires KHR_materials_volume, which is not read; export"),
+        ({"asset": {"version": "1.0"}}, "must be glTF of version 2; got version '1.0'"),
+        ({"nodes": [{"mesh": 0, "scale": [1e400, 1, 1]}]}, r"its nodes\[0\].scale must be 3 finite numbers; got \[inf"),
+        ({"nodes": [{"mesh": 0, "matrix": [*[0] * 15, 2]}]}, "must be finite and affine"),
+        ({"nodes": [{"mesh": 0, "weights": ["a"]}]}, r"nodes\[0\].weights must be finite numbers; got"),
+        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": "4"}]}]}, "mode must be a whole number"),
+        (
+            {"materials": [{"normalTexture": {"index": 0, "scale": {}}}]},
+            "its materials.0..normalTexture.scale must be a",
+        ),
+        (
+            {"materials": [{"pbrMetallicRoughness": {"roughnessFactor": None}}]},
+            "roughnessFactor must be a finite number",
+        ),
+        ({"materials": [{"emissiveFactor": [1, 1]}]}, r"emissiveFactor must be 3 finite numbers; got \[1, 1\]"),
+        ({"materials": [{"alphaCutoff": True}]}, "alphaCutoff must be a finite number; got True"),
+        (
+            {"materials": [{"extensions": {"KHR_materials_ior": {"ior": "1.5"}}}]},
+            "KHR_materials_ior.ior must be a finite number; got 1.5",
+        ),
         ({"nodes": []}, "."),
     ],
 )
@@ -530,6 +559,18 @@ def test_bad_files(tmp_path, change, message):
     file.json |= change
     with pytest.raises(ValueError, match=r"a\.glb.*" + message):
         file.load(tmp_path / "model")
+
+
+def test_extensions_of_materials_that_are_replaced(tmp_path):
+    """What a file requires of materials or textures matters only where they are used; its fields are its own."""
+    file = File().mesh(
+        {"extensions": {"KHR_materials_volume": {"scale": {}, "mode": "x"}}, "extras": {"count": "many"}}
+    )
+    file.json["extensionsUsed"] = file.json["extensionsRequired"] = ["KHR_materials_volume", "KHR_texture_basisu"]
+    assert file.load(tmp_path, material=dmis.matte()).parts
+    assert load_mesh(tmp_path / "a.glb").triangles == 2
+    with pytest.raises(ValueError, match="requires KHR_materials_volume, KHR_texture_basisu, which is not read"):
+        dmis.load_scene(tmp_path / "a.glb")
 
 
 def test_instances_beyond_the_limit(tmp_path, monkeypatch):
