@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,12 +26,14 @@ from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
 from dmis.pipeline.stopping import Stop
-from dmis.scene.scene import Scene
+from dmis.scene.scene import Scene, SceneWarning
 
 CLUSTER_TIMEOUT = 30.0
 """Seconds to wait for a Dask scheduler to answer, and again for its first worker."""
 EXPOSED = 0.6
 """Linear value in the preview of a model that 5 % of its pixels exceed."""
+MAX_EXPOSURE = 1000.0
+"""Largest automatic exposure of a preview that passes without a warning."""
 BYTES_OF_PIXEL, BYTES_OF_DESCRIPTION = 32, 2**16
 """Bytes of a pixel in an image file, of eight channels, and of all that describes the image."""
 
@@ -67,6 +70,8 @@ def render(options: argparse.Namespace) -> int:
         print(f"  {describe(scene)}", *_time_and_rays(result), sep="\n")
     elif not options.quiet and "added" in scene.source:
         print(f"  added to the file: {'; '.join(scene.source['added'])}")
+    if not options.quiet and not options.verbose and "lit" in scene.source:
+        print(f"  lit by {scene.source['lit']}")
     return 0
 
 
@@ -78,7 +83,11 @@ def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> floa
     if options.exposure is not None:
         return float(options.exposure)
     bright = float(np.quantile(result.image @ LUMINANCE, 0.95)) if scene.source.get("lit") else 0.0
-    return EXPOSED / bright if bright > 0 else 1.0
+    exposure = EXPOSED / bright if bright > 0 else 1.0
+    if exposure > MAX_EXPOSURE:
+        text = f"exposure {exposure:.3g} of the preview: lit by {scene.source['lit']}, the model is nearly black"
+        warnings.warn(SceneWarning(f"{text}. Give it a sky (--light), or set --exposure"), stacklevel=2)
+    return exposure
 
 
 def _check_files(options: argparse.Namespace) -> list[Path]:

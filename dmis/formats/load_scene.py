@@ -19,6 +19,7 @@ from dmis.base.color import Rgb
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
+from dmis.formats.emission import LEAST_LIT, without_overlaps
 from dmis.formats.gltf import read_gltf
 from dmis.formats.model import DEFAULT_MATERIAL, Y_UP, Model, camera_of, up_axis, with_materials
 from dmis.formats.obj import read_obj_with_materials
@@ -73,8 +74,8 @@ def load_scene(
     camera
         Or the name of a camera in the file. Default: the first one in the file, else `Camera.fit`, with `up`.
     lights
-        Area lights get a visible surface, which blocks light and reflects none. Default: those of the file, else an
-        even sky and a lamp, see `default_lights`. Surfaces of a file that emit do so in any case.
+        Area lights get a visible surface, which blocks light and reflects none. Default: those of the file; if it has
+        none and emits too little (`LEAST_LIT`), a sky and a lamp (`default_lights`). What the file emits stays.
     material
         One for all, or a dict by the names of the file's materials, or of the geometries of a trimesh scene, which
         leaves the others. Default: those of a glTF or OBJ file, else matte grey.
@@ -124,6 +125,16 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         names = [name for name, _ in named]
         model.parts = [Part(mesh, DEFAULT_MATERIAL) for _, mesh in named]
     parts, name = with_materials(model.parts, names, material), model.path.stem
+    bounds = np.array([part.mesh.bounds for part in parts])
+    low, high, axis = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), up_axis(model.path, view[1])
+    camera, added = camera_of(model, parts, *view)
+    if resolution is not None:
+        camera = replace(camera, resolution=resolution)
+    parts, share = without_overlaps(model, parts, camera)
+    lamps = [part.light for part in parts if part.light is not None]
+    own = [light for light in model.lights if light.mesh() is None]
+    lit = f"its emission, which reaches {share:.0%} of the image" if share >= LEAST_LIT else ""
+    lit = "its lights" if own else lit
     if model.flat:
         total = model.flat + sum(part.mesh.triangles for part in parts)
         text = f"{model.path}: {model.flat:,} of {total:,} triangles have no area and are left out"
@@ -131,24 +142,19 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
     unread = [f"{kind} ({n})" if n > 1 else kind for kind, n in model.unread.items() if n]
     if unread:
         warnings.warn(SceneWarning(f"{model.path}: left out: {', '.join(unread)}"), stacklevel=3)  # of load_scene
-    bounds = np.array([part.mesh.bounds for part in parts])
-    low, high, axis = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), up_axis(model.path, view[1])
-    camera, added = camera_of(model, parts, *view)
-    if resolution is not None:
-        camera = replace(camera, resolution=resolution)
-    if lights is None and not model.lights:
-        lights = default_lights(camera, low, high, axis if model.path.suffix.lower() in Y_UP else None)
-        added.append("a sky and a lamp, because it has no lights")
+    if lights is None and lit:
+        lights = own
     elif lights is None:
-        lights = model.lights
-    else:
-        lights = [*lights, *(part.light for part in parts if part.light is not None)]
+        lights = default_lights(camera, low, high, axis if model.path.suffix.lower() in Y_UP else None)
+        why = f"its emission reaches only {share:.1%} of the image" if lamps else "it has no lights"
+        added.append(f"a sky and a lamp, because {why}")
+    lights = [*lights, *lamps]
     of_parts = {id(part.light) for part in parts}
     parts += [light_part(light) for light in lights if light.mesh() is not None and id(light) not in of_parts]
-    about = {"unread": unread, "added": added, "lit": bool(model.lights), "cameras": list(model.cameras)}
+    about = {"unread": unread, "added": added, "lit": lit, "cameras": list(model.cameras)}
     about |= {"bounds": [*low.tolist(), *high.tolist()], "up": "xyz"[axis.index(1.0)]}
     source = {key: value for key, value in about.items() if value}
-    suggested = Suggestions("path") if model.lights else Suggestions()  # in a room, walls give light
+    suggested = Suggestions("path") if lit else Suggestions()  # in a room, walls give light
     return Scene(camera, tuple(parts), tuple(lights), name, suggested, source)
 
 

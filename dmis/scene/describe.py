@@ -66,6 +66,8 @@ def describe_source(source: Mapping[str, Any]) -> Iterator[str]:
         yield f"  from ({low}) to ({high}), {source['up']} is up"
     if "cameras" in source:
         yield f"  cameras of the file, the default first: {', '.join(source['cameras'])}"
+    if "lit" in source:
+        yield f"  lit by {source['lit']}"
     if "added" in source:
         yield f"  added to the file: {'; '.join(source['added'])}"
     if "dialect" in source:

@@ -120,17 +120,20 @@ def test_bad_options(tmp_path, ball, capsys, words, message):
     assert code == 2 and re.search(message, capsys.readouterr().err.replace("\n", " "))
 
 
-def test_exposure(tmp_path):
+@pytest.mark.filterwarnings("always")
+def test_exposure(tmp_path, capsys):
     """A preview of a model with lights shows it, whatever their unit; --exposure settles it."""
     from PIL import Image
 
     text = "v -9 0 9\nv 9 0 9\nv 9 0 -9\nv -9 0 -9\nv -1 3 -1\nv 1 3 -1\nv 1 3 1\nv -1 3 1\n"
     (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{text}usemtl floor\nf 1 2 3 4\nusemtl lamp\nf 5 6 7 8\n")
     view = ["--look-at", "0", "2", "0", "0", "0", "0.1"]
-    for strength in (1, 1e4):
+    for strength in (1e-5, 1, 1e4):
         (tmp_path / "a.mtl").write_text(f"newmtl floor\nKd .5\nnewmtl lamp\nKe {strength}\n")
         word = [str(tmp_path / "a.obj"), *view, *SMALL, "--spp", "64", "-o"]
         assert main(["render", *word, str(tmp_path / "a.png")]) == 0
+        is_warned = "lit by its emission, which reaches" in capsys.readouterr().err
+        assert is_warned == (strength < 1)
         pixels = np.asarray(Image.open(tmp_path / "a.png")) / 255
         assert np.quantile(pixels, 0.95) == pytest.approx(float(tonemap(np.array(0.6))), abs=0.02)
     assert main(["render", *word, str(tmp_path / "a.png"), "--exposure", "1"]) == 0

@@ -85,12 +85,12 @@ def test_masks(load, tmp_path):
 
 
 def test_lamps(load):
-    """Triangles that emit are lights; the default sky is for models without any."""
-    scene = load("newmtl a\nKd 0\nKe 2 3 4\n", f"{FACE}usemtl a\n{FACE}")
+    """Triangles that emit are lights, beside the default sky and lamp if they light nothing."""
+    scene = load("newmtl a\nKd 0\nKe 2 3 4\n", f"{FACE}usemtl a\n{FACE}", lights=[])
     (light,) = scene.lights
     assert light.radiance == (2, 3, 4) and [part.light for part in scene.parts] == [None, light]
     sky = dmis.EnvironmentLight(np.ones((1, 2, 3)))
-    assert load("newmtl a\nKe 2\n", lights=[sky]).lights[0] is sky and len(load("newmtl a\nKe 2\n").lights) == 1
+    assert load("newmtl a\nKe 2\n", lights=[sky]).lights[0] is sky and len(load("newmtl a\nKe 2\n").lights) == 3
 
 
 def test_lamps_that_overlap_are_left_out(load):
@@ -162,6 +162,8 @@ def test_masks_and_lamps_stay_under_another_material(load, tmp_path):
     values = np.random.default_rng(1).random((3, 3, 3)).astype(np.float32)
     write_exr(tmp_path / "leaf.exr", {"RGB": values})
     mtl = "newmtl a\nKd 1\nmap_d leaf.exr\nsharpness 3\nnewmtl b\nKe 1\n"
-    scene = load(mtl, f"usemtl a\n{FACE}usemtl b\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 5 6 7\n", material=dmis.matte(0.3))
+    scene = load(
+        mtl, f"usemtl a\n{FACE}usemtl b\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 5 6 7\n", material=dmis.matte(0.3), lights=[]
+    )
     assert [part.mask is not None for part in scene.parts] == [True, False]
     assert [part.light is not None for part in scene.parts] == [False, True]
