@@ -15,7 +15,7 @@ from dmis.testing.scenes import surface
 from dmis.testing.sphere import polar, sphere_rule
 
 
-def by_the_book(base, metallic, roughness, wo, wi):
+def by_the_book(base, metallic, roughness, specular, eta, wo, wi):
     """Appendix B of the specification, one pair of directions at a time, but for the base."""
     base = np.broadcast_to(base, 3).astype(float)
     h = (wo + wi) / np.linalg.norm(wo + wi)
@@ -26,22 +26,24 @@ def by_the_book(base, metallic, roughness, wo, wi):
     lambda_l, lambda_v = ((root / n - 2) / 2 for root, n in ((root_l, n_l), (root_v, n_v)))  # of each, uncorrelated
     v = 1 / ((1 + lambda_l + lambda_v) * 4 * n_l * n_v)
     grow = (1 - abs(v_dot_h)) ** 5
-    metal, dielectric = d * v * (base + (1 - base) * grow), 0.04 + 0.96 * grow
-    grazing = 1 - 0.9 * roughness**2
-    through_i, through_o = (0.96 - (grazing - 0.04) * (1 - n) ** 5 for n in (n_l, n_v))
-    diffuse = base / np.pi * through_i * through_o / (0.96 - (grazing - 0.04) / 21)
+    f0 = specular * ((eta - 1) / (eta + 1)) ** 2
+    metal, dielectric = d * v * (base + (1 - base) * grow), f0 + (specular - f0) * grow
+    grazing = max(specular * (1 - 0.9 * roughness**2), f0)
+    through_i, through_o = (1 - f0 - (grazing - f0) * (1 - n) ** 5 for n in (n_l, n_v))
+    diffuse = base / np.pi * through_i * through_o / (1 - f0 - (grazing - f0) / 21)
     return metallic * metal + (1 - metallic) * (diffuse + dielectric * d * v)
 
 
 @pytest.mark.parametrize("metallic", [0, 0.3, 1])
 @pytest.mark.parametrize("roughness", [0.2, 0.7])
-def test_formulas(metallic, roughness):
+@pytest.mark.parametrize("coat", [(1, 1.5), (0.4, 1.8)])
+def test_formulas(metallic, roughness, coat):
     base, wo = (0.9, 0.4, 0.1), polar(50, 10)
     w = np.stack([polar(a, b) for a, b in ((10, 0), (45, 190), (60, 200), (80, 60))], axis=1)
-    some = surface(dmis.metallic_roughness(base, metallic, roughness), wo, w.shape[1])
+    some = surface(dmis.metallic_roughness(base, metallic, roughness, *coat, 0.6), wo, w.shape[1])
     values = np.broadcast_to(some.eval(Directions(some, w.astype(np.float32))), w.shape)
-    expected = np.stack([by_the_book(base, metallic, roughness, wo, wi) for wi in w.T], axis=1)
-    np.testing.assert_allclose(values, expected, rtol=3e-4)
+    expected = np.stack([by_the_book(base, metallic, roughness, *coat, wo, wi) for wi in w.T], axis=1)
+    np.testing.assert_allclose(values, 0.6 * expected, rtol=3e-4)
 
 
 @pytest.mark.parametrize("degrees", [0, 50, 80, 88])

@@ -68,7 +68,7 @@ def lamp_part(light: AreaLight) -> Part:
 def random_scene(seed: int, count: int = 8) -> Scene:
     """A floor, a glossy wall and a ball between lamps of all kinds."""
     rng = np.random.default_rng(seed)
-    lights = tuple(lamp(rng, k % 5) for k in range(count))
+    lights = tuple(lamp(rng, k % 6) for k in range(count))
     ball = sphere(0.3, segments=12).transformed(translate((0.2, 0.1, 0.5)))
     parts = (
         *(lamp_part(light) for light in lights),

@@ -281,7 +281,10 @@ def test_cameras(read, dialect):
     around = read(dialect, "", f'Camera "{name}"').camera
     np.testing.assert_allclose(around.lens_rays(np.float32([2]), np.float32([4]))[1][:, 0], [0, 0, -1], atol=1e-6)
     wide = read(dialect, "", 'Camera "perspective" "float screenwindow" [-.5 .5 -.5 .5]').camera
-    np.testing.assert_allclose(np.tan(np.radians(wide.fov / 2)), 0.5)
+    film = '"rgb"' if dialect == "v4" else '"image"'
+    tall = f'Film {film} "integer xresolution" 4 "integer yresolution" 8 Camera "perspective" "float screenwindow" '
+    for camera in (wide, read(dialect, "", f"{tall} [-.5 .5 -1 1]").camera):
+        np.testing.assert_allclose(np.tan(np.radians(camera.fov / 2)), 0.5)
     if dialect == "v4":
         with pytest.raises(PbrtError, match="maps of equal area are not supported"):
             read(dialect, "", 'Camera "spherical"')
