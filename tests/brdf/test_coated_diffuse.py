@@ -197,18 +197,6 @@ def test_random_walks_over_metal(alpha: float, coat: tuple, spread: tuple, angle
     assert np.abs(one / one.sum() - other / other.sum()).sum() / 2 < spread[angle]
 
 
-@pytest.mark.parametrize("degrees", [0.0, 40.0, 80.0])
-def test_smooth_metal_under_a_smooth_coat(degrees: float) -> None:
-    """A mirror whose reflectance is that of walks, and of a barely rough metal."""
-    ((mirror,),) = [dmis.coated_conductor(*ALUMINIUM, thickness=0.1, bounces=2).lobes]
-    metal = tuple(np.array(ALUMINIUM) / 1.5)
-    walks = walk(degrees, metallic(ExactConductor(*metal), 0), (1.5, 0.0, 0.1), 2, 2**17)
-    outer = Coat(1.5)(polar(degrees)[2:].astype(np.float32)).item()
-    assert isinstance(mirror, SpecularReflection) and mirror.fresnel is not None
-    got = mirror.fresnel(polar(degrees)[2:].astype(np.float32))[0].item()
-    assert abs(z_score(walks[3], got - outer)) < Z_LIMIT
-
-
 @pytest.mark.parametrize("alpha, coat_alpha", [(0.1, 0.0), (0.3, 0.2), (0.0, 0.2)])
 def test_checks_of_coated_metal(alpha: float, coat_alpha: float) -> None:
     """Samples, densities, energy (of metal that absorbs next to nothing), symmetry, renders."""

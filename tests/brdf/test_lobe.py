@@ -12,7 +12,7 @@ from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn
-from dmis.brdf.fresnel import Conductor, Dielectric, dielectric
+from dmis.brdf.fresnel import Conductor, Dielectric
 from dmis.brdf.materials import Material, substrate
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
@@ -79,22 +79,6 @@ def test_anisotropic_exponent_u_lies_along_dpdu() -> None:
 
 
 # Fresnel ------------------------------------------------------------------------------------------------------------
-
-
-def test_dielectric_is_the_same_from_both_sides() -> None:
-    """Reflectance at an angle inside equals that at its refracted angle outside (Stokes)."""
-    outside = np.cos(np.radians(np.linspace(0, 85, 18))).astype(np.float32)
-    inside = np.sqrt(1 - (1 - outside**2) / np.float32(1.5) ** 2)
-    # near grazing dF/dcos is 6, and the refracted cosine has an error of 1e-7 or two
-    np.testing.assert_allclose(dielectric(inside, np.float32(1 / 1.5)), dielectric(outside, np.float32(1.5)), atol=1e-5)
-
-
-def test_total_internal_reflection() -> None:
-    """Beyond the critical angle everything is reflected, exactly."""
-    critical = np.sqrt(1 - 1 / 1.5**2)
-    cos = np.array([0, 0.3, critical - 1e-3], np.float32)
-    np.testing.assert_array_equal(dielectric(cos, np.float32(1 / 1.5)), 1)
-    assert dielectric(np.float32([critical + 1e-3]), np.float32(1 / 1.5)) < 0.9
 
 
 # Values that pbrt-v2 prints -----------------------------------------------------------------------------------------

@@ -50,18 +50,6 @@ def test_samples_follow_the_density(name: str, degrees: float) -> None:
     assert DensityView(wi, pdf, wi[2] > 0).p > LEVEL
 
 
-@pytest.mark.parametrize("name", MIXTURES)
-def test_mixture_is_the_sum_and_mean_of_its_lobes(name: str) -> None:
-    """The BRDF is the sum of the lobes, the density their mean."""
-    wi = np.stack([polar(d, a) for d in (5, 40, 80) for a in (0, 100, 210)], axis=1).astype(np.float32)
-    points = surface(MIXTURES[name], polar(40), 9)
-    directions = Directions(points, wi)
-    f = sum(np.broadcast_to(lobe.eval(directions), (3, 9)).astype(float) for lobe in points.reflection)
-    pdf = np.mean([lobe.pdf(directions).astype(float) for lobe in points.reflection], axis=0)
-    np.testing.assert_allclose(np.broadcast_to(points.eval(directions), (3, 9)), f, rtol=1e-6)
-    np.testing.assert_allclose(points.pdf(directions), pdf, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     "made, kinds",
     [

@@ -7,7 +7,6 @@ import dmis
 from dmis.base.vectors import normalise
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert
-from dmis.brdf.fresnel import Schlick
 from dmis.brdf.metallic_roughness import UnderCoat
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularTransmission
@@ -103,11 +102,6 @@ def test_images_are_combined():
     np.testing.assert_allclose(combined.texels.reshape(-1, 3), expected, rtol=1e-5)
     with pytest.raises(ValueError, match="images that are combined must have one scale, offset and wrap"):
         dmis.metallic_roughness(base, dmis.Image(metallic.texels, scale=(2, 2)))
-
-
-def test_fresnel_from_normal_to_grazing():
-    cos = np.array([1, 0], np.float32)
-    np.testing.assert_allclose(Schlick((0.1, 0.2, 0.3), 0.5)(cos), [[0.1, 0.5], [0.2, 0.5], [0.3, 0.5]], atol=1e-6)
 
 
 @pytest.mark.parametrize(

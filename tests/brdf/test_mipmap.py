@@ -61,6 +61,17 @@ def test_noise_falls_as_under_the_weights(x: tuple[float, float], y: tuple[float
     assert got == pytest.approx(expected, rel=0.3)
 
 
+def test_four_lookups_by_hand() -> None:
+    """Of a footprint 4 texels long and less than one wide, whichever of its axes is the longer one."""
+    uv, radii = RNG.random((2, 20)).astype(np.float32), np.array([-0.75, -0.25, 0.25, 0.75])
+    weights = np.exp(-2 * radii**2) - np.exp(-2)
+    along, across = (3.8 / 64, 1 / 64), (0, 0.5 / 64)
+    places = [uv + np.float32(along)[:, None] * np.float32(r) for r in radii]
+    expected = np.average([Image(NOISE)(place) for place in places], axis=0, weights=weights)
+    for axes in ((along, across), (across, along)):
+        np.testing.assert_allclose(averaged(Image(NOISE), uv, steps(*axes, 20)), expected, atol=1e-5)
+
+
 def test_a_thin_footprint_is_as_wide_as_the_lookups_need() -> None:
     """Along an axis of 64 texels they are 8 texels wide: stripes of 2 texels across it are gone."""
     stripes = Image(np.tile(np.float32([0, 0, 1, 1]), 64)[None, :, None] * np.ones((256, 1, 1), np.float32))

@@ -53,20 +53,6 @@ def test_checks(name: str) -> None:
         require(check_lobe(lobe, name))
 
 
-@each_side
-def test_narrow_facets_are_smooth_glass(outside: bool) -> None:
-    """Directions and factors of alpha = 1e-3 are those of Snell and Fresnel."""
-    wo, count = polar(35.0), 2**12
-    smooth = surface(glass(), wo, 1)
-    smooth.outside = np.full(1, outside)
-    wi, factor = smooth.delta[1].scatter(smooth)
-    points = beyond(dmis.rough_glass(alpha=1e-3), wo, count, outside)
-    directions = Directions(points, points.sample(uniforms(count)))
-    assert np.median(np.linalg.norm(directions.wi - wi, axis=0)) < 2e-3
-    weight = np.broadcast_to(points.eval(directions), (3, count))[0] * directions.cos_i / points.pdf(directions)
-    assert np.median(weight) == pytest.approx(factor[0, 0], rel=2e-3)
-
-
 @pytest.mark.parametrize("degrees", [0.0, 60.0, 89.9, 89.9999, 90.0])
 def test_extreme_roughness_is_finite(degrees: float) -> None:
     """No NaN, infinity or negative value, at the horizon, straight through, and at the ends of u."""

@@ -187,14 +187,6 @@ def test_environment_of_one_channel() -> None:
         np.testing.assert_array_equal(getattr(grey, name), getattr(rgb, name))
 
 
-def test_environment_density_of_a_constant_map() -> None:
-    """Rows are picked by the sine at their middle, so there the density of a constant map is the same in each row."""
-    theta = (np.arange(16) + 0.5) * np.pi / 16
-    w = np.stack([polar(d, 77) for d in np.degrees(theta)], axis=1).astype(np.float32)
-    pdf = EnvironmentLight(np.ones((16, 32, 3))).hit(columns(np.zeros(3), 16), w).pdf
-    np.testing.assert_allclose(pdf, 1 / (2 * np.pi**2 * np.sin(theta).mean()), rtol=1e-5)
-
-
 @pytest.mark.parametrize("share", [None, 0.6])
 def test_environment_density_by_hand(share: float | None) -> None:
     """A texel has the mean luminance of its interpolant times the sine at its middle; compensated, what is above the

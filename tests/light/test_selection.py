@@ -174,6 +174,16 @@ def test_select_agrees_with_probability(name: str, count: int, monkeypatch: pyte
     np.testing.assert_allclose(rest[at + 1] - rest[at], number / probability[at], rtol=1e-2)
 
 
+def test_power_counts_areas_colours_and_sides() -> None:
+    """Of a quad, another one of half its size and three times its light, all red, and half of it with two sides."""
+    corners, faces = np.array([[0, 0, 1], [2, 0, 1], [0, 1, 1.0]]), np.array([[0, 1, 2], [0, 2, 1]])
+    white = (1.0, 1.0, 1.0)
+    lights = QuadLight((0, 0, 1), (2, 0, 0), (0, 1, 0), white), QuadLight((3, 0, 1), (1, 0, 0), (0, 1, 0), (3, 0, 0))
+    light = composite("power", (*lights, MeshLight(corners + 5, faces, white)))
+    probability = light.selection.probability(np.zeros((3, 3)), None, np.arange(3))
+    np.testing.assert_allclose(probability / probability[0], [1, 1.5 * 0.212671, 1], rtol=1e-6)
+
+
 def test_tree_selects_whatever_may_give_light() -> None:
     """No piece whose sample emits towards the upper side of a surface has the probability 0; all together have 1."""
     rng = np.random.default_rng(5)

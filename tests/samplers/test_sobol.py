@@ -15,7 +15,7 @@ from dmis.fit.round import Round
 from dmis.light.area import DiskLight
 from dmis.pipeline import tile as tiles
 from dmis.samplers.pixel_block import CONTINUE, MORE, ROUNDING, PixelBlock
-from dmis.samplers.sobol import DIGITS, Sobol, order_of
+from dmis.samplers.sobol import Sobol, order_of
 from dmis.samplers.streams import stream
 from dmis.testing.scenes import box_scene
 from dmis.testing.statistics import chi2_p
@@ -29,6 +29,10 @@ def sampler(pixels: Array | int, seed: int = 3) -> Sobol:
     """A sampler of some pixels of an image, or of the first ones."""
     pixels = np.arange(pixels) if isinstance(pixels, int) else pixels
     return Sobol(PixelBlock(stream(seed, 0, 0), seed, pixels, [16], 2))
+
+
+DIGITS = 24
+"""Of float32 numbers below 1."""
 
 
 def draws(keys: tuple, n: int, pixels: int, seed: int = 3) -> Array:
@@ -219,6 +223,12 @@ def test_shifts_are_uniform_and_independent(key: object) -> None:
     couples = [u, *(np.stack([u[0], a]) for a in (np.roll(u[0], 1), np.roll(u[1], 200), other_seed[0], other_key[0]))]
     for a, b in couples:
         assert chi2_p(np.histogram2d(a, b, 8, [[0, 1], [0, 1]])[0], np.full((8, 8), 40_000 / 64)) > LEVEL
+
+
+def test_keys_have_shifts_of_24_digits_of_their_own() -> None:
+    """Also keys of zeros, which a hash may not tell apart."""
+    first = draws(("camera", (0,), (0, 0), (0, 0, 0), (1, 0), (0, 1)), 1, 50)
+    assert len(np.unique(first)) == first.size and len(np.unique(digits(first) % 256)) > 200
 
 
 def test_errors_of_pixels_are_uncorrelated() -> None:

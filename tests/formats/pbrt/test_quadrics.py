@@ -50,6 +50,7 @@ SPHERES = {
     "around": "Scale 5 5 5",
     "ground": "Translate 0 0 -1e6 Scale 1e6 1e6 1e6 Rotate 37 1 .3 0",
     "egg": "Translate 0 1 1.2 Rotate 30 1 2 3 Scale .4 1 .7",
+    "needle": "Translate 0 1 1.2 Rotate 30 1 2 3 Scale .03 .03 1",
     "mirrored": "Translate 0 1 1.2 Scale 1 -1 1",
 }
 FEW_PIXELS = "before", "small", "in the corner"

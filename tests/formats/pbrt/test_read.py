@@ -523,6 +523,11 @@ def test_loopsubdiv_has_three_levels_by_default(read):
     assert part.mesh.normals is not None and part.mesh.uv is None
 
 
+def test_uv_comes_before_st(read):
+    (part,) = read(add=TEXTURED[:-1] + ' "float st" [5 5 6 5 5 6]\n').parts
+    np.testing.assert_array_equal(part.mesh.uv, [[0, 0], [1, 0], [0, 1]])
+
+
 def test_plymesh(read, tmp_path):
     import trimesh
 
