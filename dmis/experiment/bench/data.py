@@ -17,7 +17,7 @@ from dmis.base.vectors import Array
 from dmis.experiment.bench.samples import COLUMNS, SampleTable
 from dmis.experiment.reference import cache_folder
 
-VERSION = 1
+VERSION = 2
 """Version of format and data, raised when either changes: scores of different data are not comparable."""
 SCENES: tuple[str, ...] = (
     "teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "veach-mis", "ten-lights", "many-lights",
