@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, SCENES, Errors, bold, machine, options, replace_table, show
 
+from dmis.examples.gallery import on_cpu
 from dmis.experiment.runs import measure, median_seconds
-from examples.gallery import on_cpu
 
 opts, given = options(
     __file__,

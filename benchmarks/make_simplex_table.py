@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, cell, machine, options, replace_table, show
 
+from dmis.examples.gallery import on_cpu
 from dmis.experiment.runs import measure, median_seconds
-from examples.gallery import on_cpu
 
 PAGE = ROOT / "docs" / "measurements.md"
 

@@ -1,6 +1,6 @@
 """What the scripts beside the gallery share: tables of pages, progress on a line.
 
-What they share with the gallery, too, is in `examples.gallery`.
+What they share with the gallery, too, is in `dmis.examples.gallery`.
 """
 
 import argparse
@@ -15,11 +15,11 @@ import numpy as np
 import table_ages
 
 from dmis.base.atomic_files import check_writable
+from dmis.examples import gallery
+from dmis.examples.gallery import SCENES, Errors, Options, print_canvas  # noqa: F401  # for other scripts
 from dmis.experiment.convergence import error_times
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import Run
-from examples import gallery
-from examples.gallery import SCENES, Errors, Options, print_canvas  # noqa: F401  # for other scripts
 
 ROOT = Path(__file__).resolve().parent.parent
 TABLES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}

@@ -13,7 +13,7 @@ import pytest
 from helpers import registries_kept, shared_scene
 
 import dmis
-from examples import gallery
+from dmis.examples import gallery
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from dmis.examples.gallery import on_cpu, options, spp_in_time
 from dmis.experiment.runs import Run
-from examples.gallery import on_cpu, options, spp_in_time
 
 
 @pytest.fixture(autouse=True)

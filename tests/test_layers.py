@@ -12,7 +12,7 @@ import dmis
 
 PACKAGE = Path(dmis.__file__).parent
 LEVELS = (
-    ("cli",),
+    ("cli", "examples"),
     ("testing",),
     ("experiment",),
     ("pipeline",),

@@ -1,13 +1,14 @@
-"""The scripts of the gallery as notebooks, with dmis and `examples` alone; and dmis in a notebook."""
+"""The notebooks of the site, and the scripts of the figures, with the installed package alone; dmis in a notebook."""
 
 import os
 import re
+import shutil
+import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
-
-import dmis
 
 nbformat = pytest.importorskip("nbformat")
 nbclient = pytest.importorskip("nbclient")
@@ -16,8 +17,38 @@ pytest.importorskip("matplotlib")
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted((ROOT / "examples").glob("*/plot_*.py"))
-QUICK = ("plot_fig_2_1_variance",)
-"""Scripts that the fast tests run, too: with a scene of the thesis and its reference."""
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("?_*.py"))
+QUICK = ("plot_fig_2_1_variance", "plot_fig_3_2_mse_curve_teapot", "plot_models")
+"""Notebooks that the fast tests run, too: of a scene of the thesis, of curves that two figures share, of a script in
+``scenes``."""
+NO_CHECKOUT = """import os, sys
+sys.path[:] = [entry for entry in sys.path if not os.path.exists(entry + "/pyproject.toml")]
+"""
+"""Module ``sitecustomize`` that takes editable installs from the path."""
+
+
+@pytest.fixture(scope="session")
+def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with what the wheel has, by the rules of pyproject.toml: the path of a Python that has no checkout."""
+    rules = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["hatch"]["build"]["targets"]["wheel"]
+    folder = tmp_path_factory.mktemp("packages")
+    excluded = shutil.ignore_patterns(*(Path(pattern).name for pattern in rules["exclude"]))
+    for part in rules["only-include"]:
+        shutil.copytree(ROOT / part, folder / rules["sources"].get(part, part), ignore=excluded, dirs_exist_ok=True)
+    (folder / "sitecustomize.py").write_text(NO_CHECKOUT, "utf-8")
+    return folder
+
+
+@pytest.fixture
+def environment(packages: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Variables of a process that has `packages`, and an empty working directory."""
+    values = {"PYTHONPATH": packages, "DMIS_QUICK": 1, "DMIS_CACHE": tmp_path / "1", "IPYTHONDIR": tmp_path / "2"}
+    for name, value in values.items():
+        monkeypatch.setenv(name, str(value))
+    for name in ("DMIS_PBRT_SCENES", "MPLBACKEND"):
+        monkeypatch.delenv(name, raising=False)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
 
 
 def notebook(script: Path):
@@ -31,46 +62,69 @@ def notebook(script: Path):
     return nbformat.v4.new_notebook(cells=[cell for cell in cells if cell.source])
 
 
-def run(page, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list:
-    """Run a notebook in `folder`; return the outputs of its cells.
-
-    The only folder that Python is given besides the installed packages is one that has dmis and `examples` alone.
-    """
-    packages = folder.parent / "packages"
-    packages.mkdir()
-    for package in (Path(dmis.__file__).parent, ROOT / "examples"):
-        (packages / package.name).symlink_to(package, target_is_directory=True)
-    monkeypatch.setenv("PYTHONPATH", str(packages))
-    monkeypatch.setenv("DMIS_QUICK", "1")
-    monkeypatch.setenv("DMIS_CACHE", str(folder.parent / "cache"))
-    monkeypatch.setenv("IPYTHONDIR", str(folder.parent / "ipython"))
-    for name in ("DMIS_PBRT_SCENES", "MPLBACKEND"):
-        monkeypatch.delenv(name, raising=False)
-    folder.mkdir()
-    client = nbclient.NotebookClient(page, timeout=1200, resources={"metadata": {"path": str(folder)}})
+def run(page, python: str = sys.executable) -> list:
+    """Run a notebook in the working directory, by the kernel of `python`; return the outputs of its cells."""
+    client = nbclient.NotebookClient(page, timeout=1200, resources={"metadata": {"path": os.getcwd()}})
     client.create_kernel_manager()
-    client.km.kernel_spec.argv[0] = sys.executable  # this Python's kernel, whatever others are installed
+    client.km.kernel_spec.argv[0] = python
     client.execute()
     return [output for cell in page.cells if cell.cell_type == "code" for output in cell.outputs]
 
 
-@pytest.mark.filterwarnings("ignore")  # of Jupyter's own
-@pytest.mark.parametrize(
-    "script",
-    [pytest.param(s, marks=() if s.stem in QUICK else pytest.mark.slow, id=s.stem) for s in SCRIPTS],
-)
-def test_notebook_runs(script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It ends with its figure, in the page and in the folder, and has nothing to say on standard error."""
-    page = notebook(script)
-    outputs = run(page, tmp_path / "empty", monkeypatch)
-    assert "image/png" in outputs[-1].data
+def check_notebook(script: Path, python: str = sys.executable) -> None:
+    """A figure's notebook ends with its figure, in the page and in the folder; none has a word on standard error."""
+    outputs = run(notebook(script), python)
     assert [o for o in outputs if o.output_type == "stream" and o.name == "stderr" and "samples" not in o.text] == []
-    files = {path.name for path in (tmp_path / "empty").rglob("*") if path.is_file()}
-    assert f"{script.stem}.png" in files <= {f"{script.stem}.png", f"{script.stem}.pdf"}
+    images = [k for k, output in enumerate(outputs) if "image/png" in output.get("data", {})]
+    if script in SCRIPTS:
+        assert images[-1] == len(outputs) - 1
+        files = {path.name for path in Path().rglob("*") if path.is_file()}
+        assert f"{script.stem}.png" in files <= {f"{script.stem}.png", f"{script.stem}.pdf"}
+    assert images
 
 
 @pytest.mark.filterwarnings("ignore")  # of Jupyter's own
-def test_bar_and_comparer_in_a_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", QUICK)
+def test_notebook_runs(name: str, environment: None) -> None:
+    (script,) = (script for script in SCRIPTS if script.stem == name)
+    check_notebook(script)
+
+
+def test_script_runs_from_any_folder(environment: None) -> None:
+    """A script of the checkout, in an empty folder, by a Python that has the wheel."""
+    script = ROOT / "examples" / "explained" / "plot_1d_mixture.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [str(path) for path in Path().rglob("*.png")] == ["figures/plot_1d_mixture.png"]
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Python of a new environment that has the built wheel and its extras."""
+    pytest.importorskip("build")
+    folder = tmp_path_factory.mktemp("installed")
+    build = [sys.executable, "-m", "build", "--wheel", "--outdir", folder, ROOT]
+    python = folder / "venv" / "bin" / "python"
+    for command in (build, [sys.executable, "-m", "venv", folder / "venv"]):
+        subprocess.run(command, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    subprocess.run([python, "-m", "pip", "install", "--quiet", f"{wheel}[all]"], check=True, capture_output=True)
+    return str(python)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of Jupyter's own
+@pytest.mark.parametrize("script", [*SCRIPTS, *TUTORIALS], ids=lambda script: script.stem)
+def test_notebook_runs_with_the_wheel(
+    script: Path, installed: str, environment: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every notebook of the site."""
+    monkeypatch.delenv("PYTHONPATH")
+    check_notebook(script, installed)
+
+
+@pytest.mark.filterwarnings("ignore")  # of Jupyter's own
+def test_bar_and_comparer_in_a_notebook(environment: None) -> None:
     """progress=True is a widget, and a comparer as a cell's last line is its page."""
     pytest.importorskip("tqdm")
     pytest.importorskip("ipywidgets")
@@ -80,7 +134,7 @@ scene = dmis.load_scene("killeroo-diffuse", resolution=(16, 12))
 dmis.show({"balance": dmis.render(scene, "balance", 4, progress=True), "other": dmis.render(scene, "fixed:0", 4)})
 """
     page = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
-    bar, shown = run(page, tmp_path / "empty", monkeypatch)
+    bar, shown = run(page)
     assert "application/vnd.jupyter.widget-view+json" in bar.data
     assert shown.data["text/html"].startswith("<iframe ") and "balance, other" in shown.data["text/plain"]
-    assert os.listdir(tmp_path / "empty") == []
+    assert os.listdir() == []

@@ -10,7 +10,7 @@ from matplotlib.image import imread
 from PIL import Image
 
 from dmis import plot
-from examples.gallery import plain_exponents
+from dmis.examples.gallery import plain_exponents
 
 
 def test_coordinates_are_pixels():

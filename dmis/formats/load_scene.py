@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     import trimesh
 
 _HERE = Path(__file__).resolve().parent.parent
-_FOLDER = _HERE / "_scenes" if (_HERE / "_scenes").is_dir() else _HERE.parent / "scenes"  # of a wheel; of a checkout
-SHIPPED = tuple(sorted(path.stem for path in _FOLDER.glob("*.pbrt")))
+SCENE_FOLDER = _HERE / "_scenes" if (_HERE / "_scenes").is_dir() else _HERE.parent / "scenes"
+"""Folder of the scenes that come with the library: of a wheel, or of a checkout."""
+SHIPPED = tuple(sorted(path.stem for path in SCENE_FOLDER.glob("*.pbrt")))
 """Names of the scenes that come with the library."""
 HELD_OUT = ("ten-lights", "veach-mis")
 """Names of those of them that are held out: no constant of the library is chosen on them, so that they can test it."""
@@ -198,7 +199,7 @@ def _pbrt_file(source: Any) -> Path | None:
     if path.suffix.lower() == ".pbrt":
         return path
     if str(path) in SHIPPED:
-        return _FOLDER / f"{path}.pbrt"
+        return SCENE_FOLDER / f"{path}.pbrt"
     raise ValueError(
         f"a scene must be a file ending in {', '.join(('.pbrt', *MESH_SUFFIXES))}, or one of the scenes that come with "
         f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(path)!r}{did_you_mean(str(path), SHIPPED, 0.5)}"

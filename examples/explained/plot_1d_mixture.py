@@ -13,10 +13,10 @@ import numpy as np
 
 from dmis import plot
 from dmis.estimator.records import Record
+from dmis.examples.gallery import options
 from dmis.fit.objectives import OBJECTIVE_NAMES, Gather, objective
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, Curves
-from examples.gallery import options
 
 opts, _ = options("plot_1d_mixture", __doc__)
 rng = np.random.default_rng(1)

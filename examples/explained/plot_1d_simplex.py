@@ -14,8 +14,8 @@ import numpy as np
 from dmis import plot
 from dmis.estimator.mis import balance
 from dmis.estimator.records import Record
+from dmis.examples.gallery import options
 from dmis.variance.simplex_curves import SimplexCurves, grid
-from examples.gallery import options
 
 opts, _ = options("plot_1d_simplex", __doc__)
 rng = np.random.default_rng(1)

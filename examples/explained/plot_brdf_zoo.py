@@ -17,8 +17,8 @@ from dmis import plot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric
 from dmis.estimator.technique import BRDF, LIGHT
+from dmis.examples.gallery import options
 from dmis.scene.shading_points import ShadingPoints
-from examples.gallery import options
 
 opts, _ = options("plot_brdf_zoo", __doc__)
 GLASS = Dielectric(1.5)

@@ -9,7 +9,7 @@ constant of dmis was chosen on these two scenes.
 
 import dmis
 from dmis import plot
-from examples.gallery import options
+from dmis.examples.gallery import options
 
 opts, _ = options("plot_held_out_scenes", __doc__)
 SPP, SHRINK = opts.pick(4, 64), opts.pick(32, 2, 1)

@@ -12,7 +12,7 @@ import numpy as np
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
-from examples.gallery import options
+from dmis.examples.gallery import options
 
 opts, _ = options("plot_learned_shares", __doc__)
 scene = opts.scene("killeroo-gold", opts.pick(24, 4, 1))

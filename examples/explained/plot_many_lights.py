@@ -9,16 +9,15 @@ surface. Each lamp of the divided room is hidden from half of it.
 
 import runpy
 import time
-from pathlib import Path
 
 import dmis
 from dmis import plot
-from examples import gallery
+from dmis.examples.gallery import options
+from dmis.formats.load_scene import SCENE_FOLDER
 
-opts, _ = gallery.options("plot_many_lights", __doc__)
+opts, _ = options("plot_many_lights", __doc__)
 SPP, SIZE = 16, opts.pick((40, 25), (480, 300), (960, 600))
-script = Path(gallery.__file__).parents[1] / "scenes" / "make_many_lights.py"
-make = runpy.run_path(str(script))
+make = runpy.run_path(str(SCENE_FOLDER / "make_many_lights.py"))
 
 # %%
 # Of two renders with different seeds, half the squared difference estimates the

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import dmis
 from dmis import plot
-from examples import gallery
+from dmis.examples.gallery import options
+from dmis.formats.load_scene import SCENE_FOLDER
 
-opts, _ = gallery.options("plot_models", __doc__)
+opts, _ = options("plot_models", __doc__)
 SPP, SIZE = opts.pick((2, (48, 36)), (128, (400, 300)), (1024, (640, 480)))
-script = Path(gallery.__file__).parents[1] / "scenes" / "make_room.py"
-make = runpy.run_path(str(script))
+make = runpy.run_path(str(SCENE_FOLDER / "make_room.py"))
 
 # %%
 # An OBJ file has no camera: it gets that of the GLB file.

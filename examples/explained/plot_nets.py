@@ -11,9 +11,9 @@ points" explains all three.
 import numpy as np
 
 from dmis import plot
+from dmis.examples.gallery import options
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import Sobol
-from examples.gallery import options
 
 opts, _ = options("plot_nets", __doc__)
 PIXELS, N = (50, 1024) if opts.size == "quick" else (400, 4096)

@@ -13,7 +13,7 @@ import numpy as np
 
 import dmis
 from dmis import plot
-from examples.gallery import SCENES, options
+from dmis.examples.gallery import SCENES, options
 
 opts, _ = options("plot_path_vs_direct", __doc__)
 DEPTHS = opts.pick((1, 6), (1, 2, 3, 4, 6, 10))

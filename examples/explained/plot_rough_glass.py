@@ -13,8 +13,8 @@ import numpy as np
 
 import dmis
 from dmis import plot
+from dmis.examples.gallery import options
 from dmis.geometry.shapes import quad, sphere
-from examples.gallery import options
 
 opts, _ = options("plot_rough_glass", __doc__)
 ALPHAS = (0.02, 0.15, 0.4)

@@ -16,8 +16,8 @@ import numpy as np
 
 import dmis
 from dmis import plot
+from dmis.examples.gallery import options
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
-from examples.gallery import options
 
 opts, _ = options("plot_shares_and_points", __doc__)
 LIGHT_SAMPLES = (2, 4, 6, 7, 8, 9, 10, 12, 14)

@@ -15,10 +15,10 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread, patch_sum
+from dmis.examples.gallery import options, print_canvas, window
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
-from examples.gallery import options, print_canvas, window
 
 opts, _ = options("plot_why_the_parabola_fails", __doc__)
 PATCHES = (4, 8, 16)

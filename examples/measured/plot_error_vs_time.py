@@ -10,9 +10,9 @@ the balance heuristic: the oracle.
 
 import dmis
 from dmis import plot
+from dmis.examples.gallery import SCENES, options
 from dmis.experiment.convergence import gains
 from dmis.experiment.report.plots import error_lines
-from examples.gallery import SCENES, options
 
 opts, _ = options("plot_error_vs_time", __doc__)
 RULES = ("balance", "pbrt", "thesis:weigh=samples", "second-moment", "auto")

@@ -13,7 +13,7 @@ import numpy as np
 
 import dmis
 from dmis import plot
-from examples.gallery import SCENES, options
+from dmis.examples.gallery import SCENES, options
 
 opts, _ = options("plot_patch_size", __doc__)
 PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((1, 4, 8, 16, 64), (2, 4, 16)))

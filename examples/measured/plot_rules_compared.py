@@ -12,9 +12,9 @@ import numpy as np
 
 import dmis
 from dmis import plot
+from dmis.examples.gallery import SCENES, options
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import median_seconds
-from examples.gallery import SCENES, options
 
 opts, _ = options("plot_rules_compared", __doc__)
 RULES = (

@@ -26,9 +26,9 @@ import numpy as np
 
 import dmis
 from dmis.base import malloc
+from dmis.examples.gallery import in_notebook, options
 from dmis.geometry import shapes
 from dmis.geometry.mesh import vertex_normals
-from examples.gallery import in_notebook, options
 
 KEPT = Path(sys.argv[0]).resolve().parent.parent / "data" / "scale.json"
 TARGET = (4096, 4096)

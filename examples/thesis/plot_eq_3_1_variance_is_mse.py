@@ -12,8 +12,8 @@ import numpy as np
 
 import dmis
 from dmis.base.patches import patch_mean
+from dmis.examples.gallery import options, print_canvas
 from dmis.experiment.metrics import squared_error
-from examples.gallery import options, print_canvas
 
 opts, _ = options("plot_eq_3_1_variance_is_mse", __doc__)
 PATCH = opts.pick(4, 16)

@@ -13,8 +13,8 @@ from matplotlib.colors import LogNorm
 
 import dmis
 from dmis import plot
+from dmis.examples.gallery import options, print_canvas, window
 from dmis.experiment.metrics import mean_and_error, squared_error
-from examples.gallery import options, print_canvas, window
 
 opts, _ = options("plot_fig_2_1_variance", __doc__)
 

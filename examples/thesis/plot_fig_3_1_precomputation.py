@@ -15,7 +15,7 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean
-from examples.gallery import SCENES, name_rows, options, print_canvas
+from dmis.examples.gallery import SCENES, name_rows, options, print_canvas
 
 opts, _ = options("plot_fig_3_1_precomputation", __doc__)
 PATCH = opts.pick(4, 16)

@@ -9,8 +9,8 @@ different shapes on the teapot: by tilts one of these two patches has its minimu
 inside, the other at the end. By shares both fall to w = 1.
 """
 
-from examples.gallery import options
-from examples.thesis.patch_curves import draw_curves, measure_patch, print_curves
+from dmis.examples.gallery import options
+from dmis.examples.patch_curves import draw_curves, measure_patch, print_curves
 
 opts, _ = options("plot_fig_3_2_mse_curve_teapot", __doc__)
 

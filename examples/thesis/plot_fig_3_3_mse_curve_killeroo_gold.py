@@ -8,8 +8,8 @@ sampling. On the diffuse floor the error falls with the share of light samples, 
 tilt beyond 1/2 changes nothing.
 """
 
-from examples.gallery import options
-from examples.thesis.patch_curves import draw_curves, measure_patch, print_curves
+from dmis.examples.gallery import options
+from dmis.examples.patch_curves import draw_curves, measure_patch, print_curves
 
 opts, _ = options("plot_fig_3_3_mse_curve_killeroo_gold", __doc__)
 

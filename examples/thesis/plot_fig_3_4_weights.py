@@ -15,8 +15,8 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.examples.gallery import SCENES, WEIGHT, name_rows, options, print_canvas
 from dmis.fit.thesis import STATUS, parabola_minimum
-from examples.gallery import SCENES, WEIGHT, name_rows, options, print_canvas
 
 opts, _ = options("plot_fig_3_4_weights", __doc__)
 PATCH = opts.pick(4, 16)

@@ -14,10 +14,17 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.examples.gallery import (
+    SCENES,
+    WEIGHT,
+    name_rows,
+    options,
+    print_canvas,
+    window,
+)
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
-from examples.gallery import SCENES, WEIGHT, name_rows, options, print_canvas, window
 
 opts, _ = options("plot_fig_3_5_filter", __doc__)
 PATCH = opts.pick(4, 16)

@@ -17,7 +17,7 @@ closed cabin.
 
 import dmis
 from dmis import plot
-from examples.gallery import SCENES, options, print_canvas
+from dmis.examples.gallery import SCENES, options, print_canvas
 
 opts, _ = options("plot_fig_4_1_scenes", __doc__)
 SPP = opts.pick(16, 32, 128)

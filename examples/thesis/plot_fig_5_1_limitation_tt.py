@@ -17,10 +17,10 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.examples.gallery import WEIGHT, options, print_canvas, window
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
-from examples.gallery import WEIGHT, options, print_canvas, window
 
 opts, _ = options("plot_fig_5_1_limitation_tt", __doc__)
 PATCH = opts.pick(4, 16)

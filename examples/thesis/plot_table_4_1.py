@@ -24,8 +24,7 @@ from pathlib import Path
 import numpy as np
 
 import dmis
-from dmis.experiment.runs import median_seconds
-from examples.gallery import (
+from dmis.examples.gallery import (
     SCENES,
     Errors,
     on_cpu,
@@ -33,6 +32,7 @@ from examples.gallery import (
     print_canvas,
     spp_in_time,
 )
+from dmis.experiment.runs import median_seconds
 
 opts, _ = options("plot_table_4_1", __doc__)
 KEPT = Path(sys.argv[0]).resolve().parent.parent / "data" / "table_4_1.json"
@@ -86,7 +86,7 @@ def measure(name):
     }
 
 
-if opts.size == "default":
+if opts.size == "default" and KEPT.exists():
     rows = json.loads(KEPT.read_text("utf-8"))
 else:
     rows = [measure(name) for name in SCENES]

@@ -44,7 +44,7 @@ def test_pbrt_file(pbrt_file):
 
 
 def test_error_lists_known_names(monkeypatch, pbrt_file):
-    monkeypatch.setattr("dmis.formats.load_scene._FOLDER", pbrt_file.parent)
+    monkeypatch.setattr("dmis.formats.load_scene.SCENE_FOLDER", pbrt_file.parent)
     monkeypatch.setattr("dmis.formats.load_scene.SHIPPED", ("scene",))
     assert load_scene("scene").parts
     with pytest.raises(ValueError, match=r"one of the scenes that come with dmis: scene; got 'teapot'$"):

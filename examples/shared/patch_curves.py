@@ -9,8 +9,8 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.vectors import Array
+from dmis.examples.gallery import Options, print_canvas
 from dmis.fit.thesis import parabola_minimum
-from examples.gallery import Options, print_canvas
 
 WEIGHTS = np.array([0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1])
 """Weights at which the error is measured."""
@@ -44,9 +44,7 @@ class PatchCurve:
     learned: Array
 
 
-def measure_patch(
-    scene: dmis.Scene, opts: Options, corner: tuple[float, float]
-) -> PatchCurve:
+def measure_patch(scene: dmis.Scene, opts: Options, corner: tuple[float, float]) -> PatchCurve:
     """Return the curves of a patch, which is rendered alone; `corner` is its top left
     corner in shares of the image."""
     patch, spp, seeds = opts.pick((4, 16, 2), (16, 122, 24))
@@ -98,9 +96,7 @@ def print_curves(curves: dict[str, PatchCurve]) -> None:
         )
 
 
-def draw_curves(
-    scene: dmis.Scene, opts: Options, curves: dict[str, PatchCurve]
-) -> tuple[Any, Any]:
+def draw_curves(scene: dmis.Scene, opts: Options, curves: dict[str, PatchCurve]) -> tuple[Any, Any]:
     """Draw a picture with the patches (left), their curves (right), and the weights
     that the rule gives them (below); return the figure and the axes of the curves."""
     figure = print_canvas(1, 1, 3.4)[0]
