@@ -16,6 +16,8 @@ from dmis.variance.curves import GRID, HALF
 
 HARM_LIMIT = 1.02
 """Ratio of the variance of a weight to that of w = 1/2 above which the weight counts as harmful."""
+LEAST_SAVING = 0.01
+"""Least saving of the best weights, over the variance of w = 1/2, that is shared out: less is noise of the curves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +97,11 @@ class Oracle:
     def saving(self, weight: Array) -> float:
         """Return the share of the best weights' saving over w = 1/2 that a share map reaches.
 
-        It is 1 for the oracle and 0 for w = 1/2; NaN if no weight saves anything.
+        It is 1 for the oracle and 0 for w = 1/2; NaN if the best weights save less than `LEAST_SAVING`.
         """
         half, best = self.mean(self.variance[HALF]), self.mean(self.variance.min(axis=0))
-        return (half - self.mean(self.at(weight))) / (half - best) if half > best else float("nan")
+        saves = half - best > LEAST_SAVING * half
+        return (half - self.mean(self.at(weight))) / (half - best) if saves else float("nan")
 
     def limit(self, costly: bool = False) -> float:
         """Return the variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in

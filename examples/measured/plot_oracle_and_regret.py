@@ -10,8 +10,9 @@ saving that it reaches, and the share of patches in which it does harm.
 
 import dmis
 from dmis import plot
+from dmis.examples.gallery import SCENES, options
+from dmis.experiment.report.tables import saving_text
 from dmis.variance.curves import HALF
-from examples.gallery import SCENES, options
 
 opts, _ = options("plot_oracle_and_regret", __doc__)
 RULES = {
@@ -43,19 +44,17 @@ for line, (name, about) in zip(axes, SCENES.items(), strict=True):
         weight = dmis.render(scene, rule, 8, seed=1, **same).weight
         regret = oracle.regret(weight)
         harm, error = oracle.harm(weight)
-        saving = oracle.saving(weight)
+        saving = saving_text(oracle.saving(weight))
         heat = plot.heat(
             axis,
             regret,
-            f"{title}: saving {saving:.0%}, harm {harm:.1%}",
+            f"{title}: {saving}, harm {harm:.1%}",
             covered,
             cmap="magma",
             vmin=0,
             vmax=1,
         )
-        parts.append(
-            f"{title} {saving:.0%} of the saving, harm in {harm:.1%} ± {error:.1%}"
-        )
+        parts.append(f"{title}: {saving}, harm in {harm:.1%} ± {error:.1%}")
     plot.weight_bar(figure, shown, line[1], shrink=0.8)
     figure.colorbar(heat, ax=line[2:], label="regret / V(½)", shrink=0.8)
     told.append("; ".join(parts))

@@ -137,6 +137,15 @@ def test_curves_without_a_saving() -> None:
         assert not oracle.regret(np.full((8, 12), 0.3)).any()
 
 
+def test_little_to_save_is_nothing() -> None:
+    """Where the best weights save half a percent, a map that loses 2 % has no share of that, which would be −373 %."""
+    for least, saving in ((0.995, np.nan), (0.98, -0.5)):
+        variance = np.ones((len(GRID), 2, 3))
+        variance[0], variance[-1] = least, 1.01
+        got = Oracle(variance, np.ones(len(GRID)), 4, 100).saving(np.ones((8, 12)))
+        np.testing.assert_allclose(got, saving)
+
+
 def test_numbers_of_samples() -> None:
     """Half of the patches dark: all samples in the other half give half of the variance; evenly lit, nothing."""
     variance = np.ones((len(GRID), 2, 2))

@@ -18,7 +18,7 @@ from dmis.experiment.convergence import Gain, gains, ratio_text
 from dmis.experiment.report import tables
 from dmis.experiment.report.comparer import HEAD, HELP, asset, comparer, filled, palette_colours, viewer_data
 from dmis.experiment.report.plots import error_svg, map_png
-from dmis.experiment.report.tables import escaped, share_text
+from dmis.experiment.report.tables import escaped, saving_text
 from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import Comparison
 from dmis.variance.curves import HALF
@@ -109,8 +109,9 @@ def _viewer_data(c: Comparison) -> dict[str, object]:
 
 
 REGRET_NOTE = """Regret of a rule's weights, with the balance heuristic: variance beyond that of the best weight, over
-that of w = ½, at equal samples. Saving: variance saved over w = ½, as a share of the saving of the best weights. Harm:
-share of lit patches with more than 1.02 times the variance of w = ½. Weights of the heuristic alone have no regret."""
+that of w = ½, at equal samples. Saving: variance saved over w = ½, as a share of the saving of the best weights, where
+that is 1 % or more. Harm: share of lit patches with more than 1.02 times the variance of w = ½. Weights of the
+heuristic alone have no regret."""
 NO_REGRET_NOTE = "Maps of regret need an oracle of the scene: render it with compare --oracle-spp."
 
 
@@ -132,7 +133,7 @@ def share_maps(c: Comparison) -> str:
         light, brdf = layers["light_samples"], layers["brdf_samples"]
         if c.oracle is not None and np.allclose(light, weight * (light + brdf), rtol=1e-3):  # w divides samples
             harm, error = c.oracle.harm(weight)
-            figures = f"saving {share_text(c.oracle.saving(weight))}, harm in {harm:.1%} ± {error:.1%}"
+            figures = f"{saving_text(c.oracle.saving(weight))}, harm in {harm:.1%} ± {error:.1%}"
             maps.append(("regret", figures, map_png(c.oracle.regret(weight), "magma", 0, 1)))
         rows.append(_map_row(rule, maps))
     scales = _scale("share of light samples w", "RdBu", "0 BRDF", "1 light")

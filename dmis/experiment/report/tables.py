@@ -10,6 +10,7 @@ import numpy as np
 
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, Gain, Interval, gains, ratio_text
+from dmis.experiment.runs import PINNED
 from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 
 LINES_NOTE = """Lines: root of the mean error over seeds; bands: lowest to highest seed. Dotted: the slope −½ of
@@ -19,7 +20,7 @@ GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means ov
 pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of d².
 In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
 they are wider (Holm). ·CPU s: error times CPU seconds, whose intervals include the scatter of the times. Bold: the
-lowest relMSE·CPU s / balance, if its interval is below 1. In equal time: error over that of the balance heuristic in
+lowest ratio·CPU s of the table, if its interval is below 1. In equal time: error over that of the balance heuristic in
 the rule's seconds, interpolated on its line; † where it is extrapolated as error ∝ 1 / seconds. Pinned: the balance
 heuristic with preset=thesis, which is one light and one BRDF sample and independent points, whatever the settings of
 the others."""
@@ -30,9 +31,10 @@ largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are
 that may be. The other columns are explained in docs/report.md."""
 
 
-def best_gain(rows: Sequence[Gain]) -> Gain | None:
-    """Return the most efficient rule at one budget whose interval of relMSE × CPU time is below 1, or None."""
-    return min((g for g in rows if g.wins), key=lambda g: g.relmse.error_time.value, default=None)
+def best_gain(rows: Sequence[Gain], k: int = 0) -> Gain | None:
+    """Return the rule at one budget of least error × CPU time by measure `k` of those whose interval is below 1."""
+    winners = [g for g in rows if g.rule != PINNED and g.measures[k].error_time.high < 1]
+    return min(winners, key=lambda g: g.measures[k].error_time.value, default=None)
 
 
 def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
@@ -50,7 +52,7 @@ def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
             cells += [f"{m.error:.4g}", interval_text(m.over_balance), interval_text(m.error_time)]
             cells += [f"{ratio_text(m.equal_time)}{dagger}"]
             rows.append([*cells, interval_text(m.over_pinned), interval_text(m.error_time_over_pinned)])
-        tables += html_table(head, rows, f"efficiency {name}", _row_marks(gains_of_budgets))
+        tables += html_table(head, rows, f"efficiency {name}", _row_marks(gains_of_budgets, k))
     return f'{tables}<p class="note">{GAINS_NOTE}</p>'
 
 
@@ -67,9 +69,12 @@ def costs_table(gains_of_budgets: Sequence[Gain]) -> str:
     return html_table(head, rows, "costs", _row_marks(gains_of_budgets))
 
 
-def _row_marks(gains_of_budgets: Sequence[Gain]) -> list[str]:
-    """Return the classes of rows: ``group`` where a budget begins, ``best`` for its most efficient rule."""
-    best = [best_gain([g for g in gains_of_budgets if g.spp == spp]) for spp in {g.spp for g in gains_of_budgets}]
+def _row_marks(gains_of_budgets: Sequence[Gain], k: int | None = None) -> list[str]:
+    """Return the classes of rows: ``group`` where a budget begins, ``best`` for its `best_gain` by measure `k`."""
+    best = []
+    if k is not None:
+        budgets = {g.spp for g in gains_of_budgets}
+        best = [best_gain([g for g in gains_of_budgets if g.spp == spp], k) for spp in budgets]
     marks = [("group" * (g.rule == "balance"), "best" * (g in best)) for g in gains_of_budgets]
     return [" ".join(filter(None, mark)) for mark in marks]
 
@@ -120,9 +125,9 @@ def interval_text(interval: Interval) -> str:
     return interval.text("<small>({} – {})</small>")
 
 
-def share_text(value: float) -> str:
-    """Return a share in percent, a dash for NaN."""
-    return "–" if np.isnan(value) else f"{value:.0%}"
+def saving_text(value: float) -> str:
+    """Return the share of the best weights' saving in percent; "nothing to save" for NaN."""
+    return "nothing to save" if np.isnan(value) else f"saving {value:.0%}"
 
 
 def escaped(value: object) -> str:

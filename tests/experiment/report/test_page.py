@@ -16,6 +16,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from helpers import run
 from PIL import Image
 
 from dmis import plot
@@ -23,6 +24,7 @@ from dmis.experiment.convergence import gains, ratio_text
 from dmis.experiment.report.comparer import linear_png, palette_colours
 from dmis.experiment.report.page import share_maps, write_report
 from dmis.experiment.report.plots import INK, convergence, error_lines, map_png
+from dmis.experiment.report.tables import costs_table, efficiency_table
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
 
@@ -110,6 +112,26 @@ def test_tilts_have_no_regret(made):
     tilted = {**comparison.pictures, ("pbrt", 16): {**layers, "weight": layers["weight"] * 0.5}}
     before, after = (share_maps(dataclasses.replace(comparison, pictures=p)) for p in (comparison.pictures, tilted))
     assert before.count("saving") == after.count("saving") + 1
+
+
+def test_oracle_that_saves_nothing(made):
+    """Where the best weights save half a percent, maps of regret say so in place of a share of it."""
+    comparison, _ = made
+    variance = np.ones_like(comparison.oracle.variance)
+    variance[0] = 0.995
+    text = share_maps(dataclasses.replace(comparison, oracle=dataclasses.replace(comparison.oracle, variance=variance)))
+    assert text.count("<small>nothing to save, harm") == 4 and "<small>saving" not in text
+
+
+def test_bold_is_the_winner_of_its_table():
+    """A rule with half the relMSE and 1.02 of the MSE, and one that wins by MSE; no row of costs is bold."""
+    runs = {
+        (rule, 8): [dataclasses.replace(run(rule, 8, k, 1.0, mse), relmse=relmse) for k in range(2)]
+        for rule, relmse, mse in (("balance", 1, 1), ("first", 0.5, 1.02), ("second", 1.1, 0.7))
+    }
+    tables = efficiency_table(Comparison({"scene": "box"}, runs, {}, None, None), gains(runs)).split("<table ")[1:]
+    assert [re.findall(r'<tr class="best"><td></td><td>(\w+)', table) for table in tables] == [["first"], ["second"]]
+    assert "best" not in costs_table(gains(runs))
 
 
 def test_images_are_the_renders(made, page):
