@@ -53,8 +53,9 @@ class EnvironmentLight(InfiniteLight):
     ----------
     texels
         ``(H, W, 3)`` or ``(H, W, 1)`` linear radiance; row 0 is +z, column 0 begins at azimuth 0 (the +x axis),
-        bilinear in between. Or the path of an image file, see `dmis.load_image`. Azimuths grow with the columns, as in
-        pbrt, whose world is left-handed: for no mirrored panorama give ``to_world=numpy.diag((1, -1, 1))``.
+        bilinear in between. Or the path of an image file, see `dmis.load_image`; a number or an RGB colour for the same
+        radiance everywhere. Azimuths grow with the columns, as in pbrt, whose world is left-handed: for no mirrored
+        panorama give ``to_world=numpy.diag((1, -1, 1))``.
     to_world
         3x3 rotation from the map's frame to the world.
     scale
@@ -82,6 +83,8 @@ class EnvironmentLight(InfiniteLight):
     def __post_init__(self) -> None:
         if isinstance(self.texels, str | os.PathLike):
             object.__setattr__(self, "texels", load_image(self.texels))
+        elif np.shape(self.texels) in ((), (3,)):
+            object.__setattr__(self, "texels", rgb("texels", self.texels).reshape(1, 1, 3))
         check_compensation(self.compensation)
         _ = self._data
 

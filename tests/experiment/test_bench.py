@@ -80,7 +80,18 @@ def test_samples_are_those_of_a_render(name: str, options: dict[str, object]) ->
     assert set(some.pixel) == {7, 1000} and (some.camera_sample == table.camera_sample[mask]).all()
 
 
-@pytest.mark.parametrize("pixels", [[-1], [36 * 33], [0.5], []])
+def test_pixels_by_column_and_row() -> None:
+    """They have the rows of their numbers."""
+    scene = shared_scene("teapot-area-light", (36, 33))
+    by_place, by_number = dmis.samples(scene, xy=[(3, 4), (30, 20)]), dmis.samples(scene, [4 * 36 + 3, 20 * 36 + 30])
+    assert set(by_place.pixel) == {147, 750}
+    np.testing.assert_array_equal(by_place.f, by_number.f)
+    for xy, more in (([3, 4], None), ([(36, 0)], None), ([(0, -1)], None), ([(0.5, 0)], None), ([(3, 4)], [3])):
+        with pytest.raises(ValueError, match=r"xy must be a list of \(column, row\), from \(0, 0\) to \(35, 32\)"):
+            dmis.samples(scene, more, xy=xy)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("pixels", [[-1], [36 * 33], [0.5], [], (3, 4), [[3, 4]], 3])
 def test_refuses_pixels_that_are_not_there(pixels: list[float]) -> None:
     with pytest.raises(ValueError, match="pixels must be whole numbers from 0 to 1187"):
         dmis.samples(shared_scene("teapot-area-light", (36, 33)), pixels)  # type: ignore[arg-type]

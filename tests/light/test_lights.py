@@ -187,6 +187,13 @@ def test_environment_of_one_channel() -> None:
         np.testing.assert_array_equal(getattr(grey, name), getattr(rgb, name))
 
 
+def test_environment_of_a_colour() -> None:
+    """A number or a colour shines alike from everywhere."""
+    w = np.stack([polar(d, 77) for d in (10, 90, 170)], axis=1).astype(np.float32)
+    for value, colour in ((0.5, (0.5, 0.5, 0.5)), ((3, 2, 1), (3, 2, 1))):
+        np.testing.assert_allclose(EnvironmentLight(value).radiance(w).T, [colour] * 3, rtol=1e-6)
+
+
 @pytest.mark.parametrize("share", [None, 0.6])
 def test_environment_density_by_hand(share: float | None) -> None:
     """A texel has the mean luminance of its interpolant times the sine at its middle; compensated, what is above the
@@ -376,6 +383,8 @@ ANY: Any = np.ones((1, 1, 3))
             r"faces must be integers of shape \(F, 3\), F >= 1",
         ),
         (lambda: EnvironmentLight(np.ones((2, 2))), "texels must have shape"),
+        (lambda: EnvironmentLight((1, 2)), "texels must have shape"),
+        (lambda: EnvironmentLight((1, -1, 1)), "texels must be"),
         (lambda: EnvironmentLight(-np.ones((2, 2, 3))), "texels must be finite and not negative"),
         (lambda: EnvironmentLight(np.full((2, 2, 3), np.nan)), "texels must be finite"),
         (lambda: EnvironmentLight(1e38 * ANY, scale=(1e10, 1, 1)), r"texels times scale must be below 3.4e38.*e\+47"),

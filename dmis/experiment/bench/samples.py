@@ -99,6 +99,7 @@ def samples(
     scene: Scene,
     pixels: Sequence[int] | np.ndarray | None = None,
     *,
+    xy: Sequence[tuple[int, int]] | None = None,
     spp: int = 16,
     weight: float = 0.5,
     seed: int = 0,
@@ -110,7 +111,10 @@ def samples(
     Parameters
     ----------
     pixels
-        Numbers of pixels in row order, ``row * width + column``; None: all. A pixel has the same samples in any choice.
+        Numbers of pixels in row order, ``row * width + column``, ``(P,)``; None: all, unless `xy` is given. A pixel has
+        the same samples in any choice. A tuple is refused, because it looks like a column and a row.
+    xy
+        Columns and rows of pixels in place of their numbers, ``(P, 2)``.
     weight
         Share w of light samples.
     spp, seed, settings, options
@@ -118,11 +122,7 @@ def samples(
     """
     job = resolve(scene, Fixed(weight), spp, seed, make_settings(settings, **options))
     height, width = shape = job.budget.shape
-    chosen = np.arange(height * width) if pixels is None else np.asarray(pixels).reshape(-1)
-    if chosen.dtype.kind not in "iu" or not chosen.size or chosen.min() < 0 or chosen.max() >= height * width:
-        raise ValueError(
-            f"pixels must be whole numbers from 0 to {height * width - 1}, row * width + column; got {pixels!r}"
-        )
+    chosen = _pixel_numbers(pixels, xy, height, width)
     recorder, rays = _Recorder(weight, job.settings.shading_samples), Counter[str]()
     for tile in make_tiles((width, height), seed, 0, next(job.rule.rounds(job.budget))):
         recorder.begin((np.arange(*tile.rows)[:, None] * width + np.arange(*tile.columns)).reshape(-1))
@@ -137,6 +137,27 @@ def samples(
     columns["cost"][columns["technique"] < 0] = of_camera_sample
     table = SampleTable(**columns, shape=shape, spp=spp, shading_samples=s, rays=rays)
     return table.rows(np.isin(table.pixel, chosen))
+
+
+def _pixel_numbers(pixels: Any, xy: Any, height: int, width: int) -> np.ndarray:
+    """Return the numbers of the pixels that `samples` is given, ``(P,)``; a ValueError for others."""
+    if xy is not None:
+        places = np.asarray(xy)
+        whole = places.ndim == 2 and places.shape[1] == 2 and places.dtype.kind in "iu" and len(places) > 0
+        if pixels is not None or not whole or (places < 0).any() or (places >= (width, height)).any():
+            raise ValueError(
+                f"xy must be a list of (column, row), from (0, 0) to {width - 1, height - 1}, and pixels be left out; "
+                f"got xy={xy!r}, pixels={pixels!r}"
+            )
+        return places[:, 1] * width + places[:, 0]
+    chosen = np.arange(height * width) if pixels is None else np.asarray(pixels)
+    whole = chosen.ndim == 1 and chosen.dtype.kind in "iu" and not isinstance(pixels, tuple)
+    if not whole or not chosen.size or chosen.min() < 0 or chosen.max() >= height * width:
+        raise ValueError(
+            f"pixels must be whole numbers from 0 to {height * width - 1}, row * width + column, in a list or an array "
+            f"of one dimension; got {pixels!r}. For columns and rows write xy=[(column, row)]"
+        )
+    return chosen
 
 
 class _Recorder:
