@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from helpers import Z_LIMIT, results_z, z_score
 import dmis
 from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
+from dmis.fit.round import Round
 from dmis.formats.load_scene import light_part
 from dmis.samplers.streams import Independent
 from dmis.testing.scenes import box_scene
@@ -158,3 +160,10 @@ def test_camera_and_mirror_see_the_texture() -> None:
     image = dmis.render(scene, "balance", 4, settings=dmis.Settings(integrator="direct")).image
     assert np.isclose(image.max(), 8) and image[..., 0].min() < 2
     np.testing.assert_allclose(image[..., 2], image[..., 0] / 4, rtol=1e-5)
+
+
+def test_fields_of_a_round_are_named() -> None:
+    """The bullets below the rule of two rounds speak of fields of `Round` by their names."""
+    bullets = PAGE[PAGE.index("* `stage` says") :].split("\n\n")[0]
+    named = set(re.findall(r"`(\w+)`", bullets)) - {"auto"}
+    assert {"stage", "image_weight", "begin"} <= named <= {field.name for field in dataclasses.fields(Round)}

@@ -198,9 +198,10 @@ axis.imshow(plt.imread(output / "convergence.png"))
 axis.set_axis_off()
 
 # %%
-# How to read the table: "MSE / balance" is the error over that of ``balance`` at equal
-# samples, with a 95 % interval over the seeds. A rule wins where its whole interval is
-# below 1. The last column also counts the time.
+# How to read the table: "relMSE / balance" and "MSE / balance" are errors over those
+# of ``balance`` at equal samples, with 95 % intervals over the seeds. A rule wins where
+# its whole interval is below 1. "relMSE·CPU s / balance" and "MSE·CPU s / balance"
+# count the time, too.
 #
 # The images are EXR files. They have the shares as a layer, and as text all that is
 # needed to make them again.
