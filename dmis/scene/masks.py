@@ -62,36 +62,17 @@ def _chance(hits: Hits, direction: Array) -> Array:
 
 def make_caster(parts: Sequence[Any], uv: Callable[[Index], Array]) -> RayCaster:
     """Return Embree over all triangles of `parts`, in order, whose rays pass the holes of masks; see `MaskedCaster`."""
-    caster = _embree(parts)
-    masked = [part.mask is not None for part in parts]
-    if not any(masked):
-        return caster
-    number = np.flatnonzero(~np.repeat(masked, [len(part.mesh.faces) for part in parts]))
-    solid = Renumbered(_embree([part for part in parts if part.mask is None]), number)
-    return MaskedCaster(caster, solid, parts, uv)
-
-
-def _embree(parts: Sequence[Any]) -> RayCaster:
-    """Return Embree over `parts`, which tells lamps back to back apart; without parts, one that no ray meets."""
-    if not parts:
-        return Intersector(np.zeros((3, 3)), np.array([[0, 1, 2]]))  # a triangle without area
     offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts)])
-    vertices = np.concatenate([part.mesh.vertices for part in parts], dtype=np.float32)
+    # the last vertex is no number: Embree leaves out triangles that have it
+    vertices = np.concatenate([*(part.mesh.vertices for part in parts), np.full((1, 3), np.nan)], dtype=np.float32)
     faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(parts, offsets, strict=False)])
-    return two_sided(Intersector(vertices, faces), *lamp_triangles(parts)[:2])
-
-
-class Renumbered:
-    """Ray caster over some triangles of a scene, those of the numbers `number` ``(K,)``, by which it reports them."""
-
-    def __init__(self, caster: RayCaster, number: Index) -> None:
-        self._caster, self.occluded = caster, caster.occluded
-        self._number = np.append(number, -1).astype(np.int32)  # the last one is that of a miss
-
-    def closest(self, origin: Array, direction: Array) -> Hits:
-        """See `Intersector.closest`."""
-        hits = self._caster.closest(origin, direction)
-        return Hits(self._number.take(hits.prim), hits.u, hits.v, hits.distance)
+    lamps = lamp_triangles(parts)[:2]
+    caster = two_sided(Intersector(vertices[:-1], faces), *lamps)
+    masked = np.repeat([part.mask is not None for part in parts], [len(part.mesh.faces) for part in parts])
+    if not masked.any():
+        return caster
+    solid = two_sided(Intersector(vertices, np.where(masked[:, None], offsets[-1], faces)), *lamps)
+    return MaskedCaster(caster, solid, parts, uv)
 
 
 class MaskedCaster:
