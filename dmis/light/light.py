@@ -14,6 +14,7 @@ import numpy as np
 
 from dmis.base.validate import check_methods, check_shape
 from dmis.base.vectors import Array
+from dmis.brdf.texture import Image
 from dmis.geometry.mesh import Mesh
 from dmis.light.light_sample import LightSample, rgb
 from dmis.light.pieces import Pieces
@@ -208,7 +209,7 @@ def _check_values(light: Any) -> None:
             return
         if light.infinite:
             check_shape(f"{name}.radiance(wi)", light.radiance(_DIRECTIONS), 2, *RADIANCE_SHAPES)
-        else:
+        elif not isinstance(getattr(light, "radiance", None), Image):  # which is looked up at texture coordinates
             check_shape(f"{name}.emission(p)", light.emission(_PROBE_POINTS), 2, *RADIANCE_SHAPES)
         _check_light_sample(f"{name}.sample(p, u)", light.sample(_PROBE_POINTS, _NUMBERS))
         _check_light_sample(f"{name}.hit(p, wi)", light.hit(_PROBE_POINTS, _DIRECTIONS))

@@ -189,21 +189,6 @@ class MeshLight(AreaLight):
         light_sample.emits |= is_hit & self._sampled[1].take(hits.prim)
         return light_sample
 
-    def emission(self, p: Array) -> Array:
-        """Return the radiance emitted from points `p` ``(3, N)``; an image is looked up on the nearest triangle."""
-        if not self.textured:
-            return super().emission(p)
-        corner, u, v, normal = self._data[0].astype(float).reshape(4, 3, -1)
-        twice, places = dot(np.cross(u, v, axis=0), normal), []
-        for point in np.asarray(p, float).T:
-            to = point[:, None] - corner  # = a u + b v + height normal
-            a, b = dot(np.cross(to, v, axis=0), normal) / twice, dot(np.cross(u, to, axis=0), normal) / twice
-            outside = np.maximum(np.maximum(-a, -b), a + b - 1).clip(0)
-            k = int(np.argmin(np.abs(dot(to, normal)) + outside * np.sqrt(twice)))
-            places.append((k, a[k], b[k]))
-        index, a, b = np.array(places).T
-        return self._emitted(index.astype(int), a.astype(np.float32), b.astype(np.float32))
-
     def brightness(self, length: float) -> float:
         return float(np.max(self.radiance.texels if isinstance(self.radiance, Image) else self.radiance))
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from dmis.base.vectors import Array, frame, normalise
 from dmis.brdf.materials import matte
+from dmis.brdf.texture import Image
 from dmis.formats.load_scene import light_part
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
@@ -168,7 +169,12 @@ def _cameras(light: Any, points: list[Array]) -> Iterator[DensityView]:
             w = normalise((unit(*to)[:, None] + spread * cube).astype(np.float32))
             hits = caster.closest(columns(p, 4096), w)
             emits, distance = (hits.prim >= 0) & ((normals[hits.prim] * w.T).sum(axis=1) < 0), hits.distance
-            radiance = light.emission((p[:, None] + w * np.where(emits, distance, 0)).astype(np.float32))
+            if isinstance(image := getattr(light, "radiance", None), Image):
+                weights = np.stack([1 - hits.u - hits.v, hits.u, hits.v])
+                uv = np.asarray(light.mesh().uv, np.float32)[light.mesh().faces[hits.prim]]
+                radiance = image(np.einsum("kn,nkc->cn", weights, uv))
+            else:
+                radiance = light.emission((p[:, None] + w * np.where(emits, distance, 0)).astype(np.float32))
         yield replace(view, wi=w, sample=LightSample(w, distance, radiance, distance, emits), value=None)
 
 
