@@ -46,7 +46,7 @@ def without_overlaps(model: Model, parts: list[Part], camera: Camera) -> tuple[l
 
 
 def overlapping_lamps(scene: Scene) -> set[int]:
-    """Return the numbers of the parts whose lights overlap the light of an earlier part that is not among them.
+    """Return the numbers of the parts whose lights overlap the light of an earlier part.
 
     As in `Scene.prepare`, which refuses such lights, rays to each triangle of a lamp must meet it first.
     """
@@ -55,13 +55,9 @@ def overlapping_lamps(scene: Scene) -> set[int]:
     triangles, _, owner = lamp_triangles(scene.parts)
     number, met = find_overlaps(scene.intersector, triangles, 2 * float(epsilon))
     part_of = np.repeat(np.arange(len(scene.parts)), [part.mesh.triangles for part in scene.parts])
-    dropped: set[int] = set()
-    pairs = np.unique(np.sort(np.stack([owner[number], part_of[met]]), axis=0), axis=1)
-    for first, second in pairs.T.tolist():
-        both_emit = scene.parts[first].light is not None and scene.parts[second].light is not None
-        if first != second and both_emit and first not in dropped:
-            dropped.add(second)
-    return dropped
+    first, second = np.sort(np.stack([owner[number], part_of[met]]), axis=0)
+    emits = np.array([part.light is not None for part in scene.parts])
+    return set(second[(first != second) & emits[first] & emits[second]].tolist())
 
 
 def lit_share(scene: Scene) -> float:
