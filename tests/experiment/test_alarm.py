@@ -83,6 +83,18 @@ def test_one_line_names_the_worst():
     assert alarm.summary([run(5.9), run(-5.9), run(np.nan)]) == ""
 
 
+def test_z_by_hand():
+    """Halves of 64 samples differ by .4: 16 samples have the noise .4^2 / 4 (1 + 2 * 64 / 16) = .36 > d^2, so that the
+    mean of 36 pixels has the error .6 / 6, that of 9 pixels .6 / 3; and d / 6 without noise. The largest |z| counts.
+    """
+    first, d = np.full((6, 6, 3), 1.0), np.array([0.1, -0.3, 0.2])
+    reference = dmis.Reference(first, first + 0.4, 64)
+    assert alarm.mean_z(first + 0.2 + d, reference, 16) == pytest.approx(-3)
+    corner = slice(0, 3), slice(0, 3)
+    assert alarm.mean_z((first + 0.2 + d)[corner], reference.cropped(corner), 16) == pytest.approx(-1.5)
+    assert alarm.mean_z(first + np.abs(d), dmis.Reference(first, first, 64), 16) == pytest.approx(6)
+
+
 def test_z_is_normal():
     """400 images with noise of a known deviation per pixel, which differs over the image and between channels, against
     a reference of twice 4 times the samples: z of a channel has deviation 1, and the largest of three independent ones

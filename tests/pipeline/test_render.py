@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
 
 import dmis
 from dmis.estimator.allocation import shares_of
@@ -17,7 +16,7 @@ from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.tile import MAX_SIDE, make_tiles
 
-RULES = ["balance", "pbrt", "fixed:0.3", "one-sample", "thesis:patch=4"]
+RULES = ["balance", "pbrt", "fixed:0.3", "one-sample", "thesis:patch=4", "thesis:reuse=yes"]
 
 
 def same(a, b):
@@ -81,17 +80,6 @@ def test_pilot_counts_in_the_budget(box):
     assert result.rays["camera"] == box.covered_pixels.sum() * 16
     assert (result.samples == 16).all()
     assert (dmis.render(box, "thesis:reuse=yes", 16).samples == 16).all()
-
-
-def test_reused_pilot_is_averaged_by_sample_counts(box):
-    """The image is (6 pilot + 10 final) / 16, pixel by pixel: fixed weights, so nothing is biased."""
-    both, final = (
-        dmis.render(box, f"thesis:weigh=samples,reuse={reuse}", 16, seed=4, sampler="independent")
-        for reuse in ("yes", "no")
-    )
-    pilot = (both.image.astype(float) * 16 - final.image.astype(float) * 10) / 6
-    direct = np.mean(_rounds(box, (0.0, 0.5, 1.0), 2, seed=4), axis=0)  # what rounds of their own give
-    np.testing.assert_allclose(pilot, direct, atol=2e-5)
 
 
 @pytest.mark.parametrize(("sampler", "reused"), [("independent", True), ("stratified", False), ("sobol", False)])
@@ -220,42 +208,11 @@ def test_rounds_of_a_rule_are_checked(box, rounds, message):
 
 @pytest.mark.parametrize("rule", RULES)
 def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
-    """Over 24 seeds, the mean of the variance layer is the images' variance (systematic rounding can only lower it)."""
-    results = [dmis.render(box, rule, 16, seed=s, sampler="independent") for s in range(24)]
+    """Over 40 seeds, the mean of the variance layer is the images' variance (systematic rounding can only lower it)."""
+    results = [dmis.render(box, rule, 16, seed=s, sampler="independent") for s in range(40)]
     measured = np.var([r.image for r in results], axis=0, ddof=1).mean()
     predicted = np.mean([r.variance for r in results])
-    assert measured < 1.25 * predicted  # the ratio itself scatters by some 5 % here
-    if rule in ("balance", "pbrt", "one-sample"):
-        assert measured > 0.8 * predicted
-
-
-@pytest.fixture(scope="module")
-def balanced(box):
-    """Mean of the box by the balance heuristic, and its standard error."""
-    truth = np.mean([dmis.render(box, "balance", 256, seed=s).image.mean() for s in range(100, 108)])
-    spread = np.std([dmis.render(box, "balance", 64, seed=s).image.mean() for s in range(200, 224)], ddof=1)
-    return truth, spread / 2 / np.sqrt(8)
-
-
-@pytest.mark.parametrize(
-    "rule",
-    [
-        "thesis:patch=1,filter=none",
-        "thesis:patch=8,reuse=yes",
-        "thesis:patch=4,spp=4,channels=rgb",
-        "thesis:patch=64,combiner=power",
-    ],
-)
-def test_learning_does_not_change_the_mean(box, balanced, rule):
-    """Weights are learned from a pilot and used with other samples: the mean stays, over 24 seeds and all pixels.
-
-    Deviations are averaged over the image first: one normal deviate per rule.
-    """
-    truth, error_of_truth = balanced
-    means = np.array([dmis.render(box, rule, 32, seed=s).image.mean() for s in range(24)])
-    error = np.hypot(means.std(ddof=1) / np.sqrt(24), error_of_truth)
-    assert abs(means.mean() - truth) < Z_LIMIT * error
-    assert error < 0.01 * truth
+    assert (0 if rule == "fixed:0.3" else 0.85) < measured / predicted < 1.15
 
 
 def test_progress_reaches_the_end(box):

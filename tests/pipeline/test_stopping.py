@@ -1,5 +1,7 @@
 """Renders that stop at a noise or a time: the points of one long render, the achieved error, the bias of stopping."""
 
+from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +9,12 @@ import pytest
 
 import dmis
 from dmis.brdf.materials import plastic
+from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.rule import next_round
 from dmis.pipeline import stopping
-from dmis.testing.scenes import box_scene
+from dmis.pipeline.job import resolve
+from dmis.testing.scenes import ABOVE, box_scene
+from dmis.variance.moments import Film
 
 
 def glossy(resolution: tuple[int, int] = (16, 12)) -> dmis.Scene:
@@ -36,6 +42,47 @@ def test_rounds_have_the_points_of_one_render() -> None:
     result = dmis.render(glossy(), "balance", 256, seed=5, sampler="sobol", noise=0)
     np.testing.assert_allclose(result.image, long.image, rtol=2e-6)
     assert result.provenance["rounds"] == 4 and result.provenance["spp"] == 256 and result.rays == long.rays
+
+
+@pytest.mark.parametrize(
+    ("rule", "spp", "gain"),
+    [("balance", 32, 1.0), ("balance", 128, 1.0), ("auto", 32, 1.0), ("auto", 64, 1.0), ("auto", 64, 1e-12)],
+)
+def test_stated_errors_are_those_over_seeds(rule: str, spp: int, gain: float) -> None:
+    """Deviation and noise of 40 renders, independent points: one round, doubled, two rounds joined, both, rescaled."""
+    lamp = replace(ABOVE, radiance=np.array(ABOVE.radiance) * gain)
+    scene = replace(glossy(), lights=(lamp,))
+    options = {"noise": 0, "sampler": "independent", "parallel": 1}
+    results = [dmis.render(scene, rule, spp, seed=k, **options) for k in range(40)]
+    images = np.array([result.image for result in results], float)
+    variance, stated = images.var(axis=0, ddof=1), np.mean([result.variance for result in results], axis=0)
+    assert stated.mean() / variance.mean() == pytest.approx(1, rel=0.15)
+    relative = (variance / (images.mean(axis=0) ** 2 + 0.01)).mean()
+    noise = np.mean([result.provenance["noise"] ** 2 for result in results])
+    assert noise / relative == pytest.approx(1, rel=0.15)
+
+
+class Joined(dmis.Rule):
+    """A rule whose last round is 24 samples that go on from 8."""
+
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        yield replace(budget.final(dmis.Fit(0.5)), spp=24, begin=8)
+
+
+def test_noise_by_hand() -> None:
+    """Sobol points have a = 1.3. In units of a scene with a tenth of the radiance 3 is .3, and the bound .01 is .01."""
+    job = replace(resolve(glossy((2, 1)), Joined(), 32, 0, dmis.Settings(sampler="sobol")), gain=0.1)
+    # a mean of 3 with the variance 1 by its sub-blocks; a mean of 4 of twice as many samples
+    ones = np.ones((1, 2, 3))
+    films = [Film(n, mean * ones, np.sqrt(n * (n - 1)) * ones) for n, mean in ((32, 3), (64, 4))]
+    first = 0.01 / 0.1 * 3 / (4**1.3 - 1) / (0.25**0.7 + 0.75**0.7)
+    for spp, noise in ((32, first), (64, 0.01 / 0.17 / (2**1.3 - 1))):
+        stop = stopping.Stop(spp=spp, noise=0)
+        rounds = stop.rounds(job)
+        for film in (None, *map(Pilot, films)):
+            if next_round(rounds, film) is None:
+                break
+        assert stop.job.notes["noise"] == pytest.approx(np.sqrt(noise))
 
 
 def test_stops_at_the_noise_and_goes_on_from_there(tmp_path: Path) -> None:
