@@ -26,7 +26,7 @@ from dmis.light.mesh_light import MeshLight
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
-from dmis.testing.scenes import box_scene
+from dmis.testing.scenes import box_scene, surface
 
 LAMP = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
 WALLS = (
@@ -209,6 +209,17 @@ def test_roulette_is_unbiased(monkeypatch: pytest.MonkeyPatch) -> None:
     assert abs(images_z_score(*found)) < Z_LIMIT
 
 
+def test_roulette_divides_by_at_most_one() -> None:
+    """A throughput of 2 stays as it is; of those of 1/4 a quarter goes on, with 1."""
+    points, rng = surface(matte(0.5), (0, 0, 1), 4000), np.random.default_rng(1)
+    u = rng.random((2, 4000), np.float32)
+    for before, after, share in ((4.0, 2.0, 1.0), (0.5, 1.0, 0.25)):
+        rays = path.bounce(points, None, np.full((3, 4000), before, np.float32), path.ROULETTE, u, rng)
+        assert rays is not None
+        np.testing.assert_allclose(rays.throughput, after, rtol=1e-6)
+        assert abs(rays.origin.shape[1] / 4000 - share) < Z_LIMIT * np.sqrt(share * (1 - share) / 4000) + 1e-9
+
+
 @pytest.mark.parametrize("material", [mirror(0.8), glass(), Material((*mirror(0.4).lobes, *matte(0.4).lobes))])
 def test_one_lobe_of_many(material: Material) -> None:
     """Paths take one lobe at random, direct lighting all: with black walls around, the same image in the mean."""
@@ -228,6 +239,18 @@ def test_one_lobe_of_many(material: Material) -> None:
         assert found[0] == found[1]
     else:
         assert abs(z_score(*map(np.array, found))) < Z_LIMIT
+
+
+@pytest.mark.parametrize(("reflected", "albedo"), [(0.95, 0.05), (1.0, 0.2)])
+def test_probabilities_of_lobes_add_up_to_one(reflected: float, albedo: float) -> None:
+    """A mirror has more than .9 of the power: under a white sky the radiance is the sum of what both lobes reflect."""
+    floor = Material((*mirror(reflected).lobes, *matte(albedo).lobes))
+    scene = box_scene(floor, (EnvironmentLight(np.ones((1, 1, 3))),), resolution=(24, 24), fov=20)
+    found, error = mean_and_error(images(scene, "balance", range(2), 32, max_depth=4))
+    assert abs(found - reflected - albedo) < Z_LIMIT * error and error < 0.005
+    # at the last surface only what the mirror shows is left to be traced; the other lobe has a tenth of the power
+    rays = dmis.render(scene, "balance", 32, integrator="path", max_depth=1, parallel=1).rays
+    assert rays["bounce 1"] == pytest.approx(rays["camera"] * reflected / (reflected + 0.1), rel=0.01)
 
 
 def test_lamp_in_a_mirror_counts_and_elsewhere_does_not() -> None:
