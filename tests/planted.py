@@ -5,13 +5,15 @@ import itertools
 import numpy as np
 from helpers import Z_LIMIT
 
+from dmis.base.patches import PATCH, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Record
 from dmis.fit.round import Pilot
-from dmis.variance.curves import GRID, HALF, Curves
+from dmis.variance.curves import GRID, HALF, Curves, with_gain_square
 from dmis.variance.moments import Moments
 
+COLOUR = np.array([[0.3], [0.6], [2.1]], np.float32)  # of a sample, whose mean over channels counts
 A = 0.25  # p_l = 2 x, p_b = 2 (1 - x) on [0, 1], f = A + (1 + 2 y) x at the point y, uniform in [0, 1]
 
 
@@ -50,9 +52,9 @@ def pilot(pixels: int, count: int, seed: int, keys: int = 1, s: int = 2, combine
             pdf = np.stack([2 * x, 2 * (1 - x)])
             value = f(x, y) / pdf.mean(axis=0)
             radiance += value / (2 * s)
-            value = np.repeat(value[None], 3, axis=0).astype(np.float32)
+            value = COLOUR * value.astype(np.float32)
             records.append(Record(side, (key,), turn, None, value, pdf.astype(np.float32)))
-    curves.add(records, np.repeat(radiance[None], 3, axis=0).astype(np.float32), count)
+    curves.add(records, COLOUR * radiance.astype(np.float32), count)
     return curves
 
 
@@ -64,11 +66,15 @@ def unbiased(values: Array, expected: float) -> bool:
 PLAIN = {"filter": "none", "cost": False, "guard": 0.0}
 
 
-def pilot_of_curves(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot]:
-    """A pilot whose pixels have the curves given per patch of 4 pixels ``(G, rows, columns)``, with a spread."""
-    rows = columns = size // 4
-    curve = np.broadcast_to(curve, (len(GRID), rows, columns)).astype(float)
-    sums = {"curve": curve, "gain_square": (curve - curve[HALF]) ** 2 + noise**2}
-    sums |= {"pattern": np.zeros(curve.shape), "position": np.zeros((rows, columns))}
-    moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
-    return {0.5: Pilot(moments, {"camera": 100}, {name: a * 16 for name, a in sums.items()})}
+def pilot_of_curves(curve: Array, noise: float = 0.0, shape: tuple[int, int] = (32, 32)) -> dict[float, Pilot]:
+    """A pilot whose pixels have the curves given per patch of 4 pixels ``(G, rows, columns)``, with a spread.
+
+    Their second moments are the curves.
+    """
+    pixels = patch_sum(np.ones(shape), PATCH)
+    curve = np.broadcast_to(curve, (len(GRID), *pixels.shape)).astype(float)
+    sums = with_gain_square(curve, curve, HALF)
+    sums["gain_square"] = sums["gain_square"] + noise**2
+    sums |= {"pattern": np.zeros(curve.shape), "position": np.zeros(pixels.shape)}
+    moments = Moments(6, np.ones((*shape, 3)), np.ones((*shape, 3)))
+    return {0.5: Pilot(moments, {"camera": 100}, {name: a * pixels for name, a in sums.items()})}

@@ -8,6 +8,7 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.records import Record
 from dmis.fit.objectives import OBJECTIVE_NAMES, Gather, objective
+from dmis.fit.second_moment import SecondMoment
 
 N = 400_000
 X = (np.arange(200_000) + 0.5) / 200_000
@@ -32,7 +33,7 @@ def variance(g: Array, p: Array) -> float:
 def means(name: str, gamma: float = 2.0, pixels: int = 1) -> Array:
     """What the objective gathers from N camera samples, in one patch."""
     rng = np.random.default_rng(1)
-    statistic = Gather(objective(name, gamma), pixels, 2)
+    statistic = SecondMoment(name, gamma=gamma).statistic(pixels, 2)
     records = []
     for side in (0, 1):
         x = np.sqrt(rng.random(N))
@@ -74,6 +75,9 @@ def test_representativity() -> None:
     """``E[f / p]^2 / E[(f / p)^2]`` of each."""
     light, brdf = (integral(f(X)) ** 2 / integral(f(X) ** 2 / p) for p in (P_L, P_B))
     assert weight("representativity") == pytest.approx(light / (light + brdf), abs=5e-3)
+    # a technique that misses half of f: 1 / 2 against .5^2 / 1
+    of_patch = np.array([[1.0, 0.5], [2.0, 1.0]])[..., None, None]
+    assert objective("representativity").solve(of_patch, (1.0, 1.0)) == pytest.approx(0.5 / 0.75)
 
 
 @pytest.mark.parametrize("name, gamma", [("kl", 1.0), ("tsallis", 1.5), ("tsallis", 2.0), ("tsallis", 3.0)])

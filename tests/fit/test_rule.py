@@ -12,10 +12,11 @@ import dmis
 from dmis.cli.commands import main
 from dmis.experiment.compare import compare, parse_rules
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.round import Pilot
+from dmis.fit.round import Budget, Pilot
 from dmis.fit.rule import rule_text
 from dmis.fit.thesis import Thesis
 from dmis.variance.moments import Moments
+from dmis.variance.simplex_curves import SimplexCurves
 
 ROOT = Path(__file__).parents[2]
 
@@ -50,6 +51,16 @@ def test_only_fit_must_be_given(box: dmis.Scene) -> None:
     np.testing.assert_array_equal(dmis.render(box, rule, 8, seed=1).image, fixed.image)
     rule.pilot = {0.5: 2}  # type: ignore[misc]
     assert dmis.render(box, rule, 8, seed=1).provenance["pilot_rays"]
+
+
+def test_rounds_of_a_budget() -> None:
+    """6 pilot samples of three techniques are 2 with 6 shading samples each; decisions depend on seed and round."""
+    settings = dmis.Settings(techniques=("light", "brdf", "uniform"), reuse_pilot=True)
+    budgets = [Budget(16, (4, 4), settings, seed) for seed in (1, 2)]
+    pilot, final = budgets[0].pilot((1 / 3,) * 3, 6, SimplexCurves), budgets[0].final(dmis.Fit((1 / 3,) * 3), 6)
+    assert (pilot.spp, pilot.image_weight, pilot.settings.shading_samples) == (2, 2, 6)
+    assert (final.spp, final.image_weight, final.settings.shading_samples) == (10, 10, 2)
+    assert len({budget.generator(k).random() for budget in budgets for k in (0, 1)}) == 4
 
 
 @pytest.mark.parametrize(

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from planted import PLAIN, pilot_of_curves
 
-from dmis.estimator.cost import camera_sample_cost
-from dmis.fit.curve_minimum import cost_weighted
+from dmis.fit.curve_minimum import PatchCurves, cost_weighted, guarded_argmin
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Pilot
 from dmis.fit.second_moment import SecondMoment
-from dmis.variance.curves import GRID, GRID_SHARES
+from dmis.variance.curves import GRID
 
 
 def test_memory_of_a_fit() -> None:
     """Means of the size of the sums, a few maps, and some rows of what is worked out on the way."""
-    found = pilot_of_curves(np.random.default_rng(1).random((len(GRID), 96, 96)) + 1, size=384)
+    found = pilot_of_curves(np.random.default_rng(1).random((len(GRID), 96, 96)) + 1, shape=(384, 384))
     guide = {"normal": np.zeros((3, 96, 96), np.float32), "material": np.ones((1, 96, 96), np.float32)}
     size = sum(a.nbytes for a in found[0.5].sums.values())
     found = {0.5: replace(found[0.5], features=guide)}
@@ -52,16 +51,6 @@ def test_patches_take_the_minimum_of_their_mean(patch: int) -> None:
     np.testing.assert_allclose(fit.maps["variance"], mean.min(axis=0))
 
 
-def test_guard() -> None:
-    """A gain of 3 standard errors passes a guard of 2, not one of 4."""
-    gain = 0.1
-    curve = np.where(GRID == 1, 1 - gain, 1.0)[:, None, None]
-    noise = gain / 3 * np.sqrt(15)  # 16 pixels; the standard error divides by 15
-    for guard, weight in ((2.0, 1.0), (4.0, 0.5)):
-        fit = SecondMoment(**{**PLAIN, "guard": guard}).fit(pilot_of_curves(curve, noise))
-        np.testing.assert_array_equal(fit.weight, weight)
-
-
 def test_filtering_makes_surer() -> None:
     """The same gain in all of a 5x5 neighbourhood passes where that of one patch does not; in a corner, where most of
     the filter's weight is on one patch, it is worth three, and does not either.
@@ -75,19 +64,22 @@ def test_filtering_makes_surer() -> None:
     assert np.all(shared.weight[8:-8, 8:-8] == 1) and shared.weight[0, 0] == shared.weight[-1, 0] == 0.5
 
 
-def test_cost_moves_the_minimum() -> None:
-    """Light samples trace a ray, BRDF samples none: the minimum moves to where those are fewer, in dark patches more
-    than in bright ones, because the image has one number of samples everywhere.
+def test_weight_of_least_variance_and_cost_by_hand() -> None:
+    """The pilot's light samples, 4 of 8, trace rays. With S = 4 at last C(w) = 1 + 4 (.25 + .4 w), and C(1/2) = 2.8.
+
+    The mean of V(1/2) is .8 * 3.75 + .2 * 0 over 16 and 4 pixels. So V = 3 (w - m)^2 + v of the first is least, beside
+    3 C / 2.8, at w = m - 1.6 / 2.8 / 2.
     """
-    rays = {"camera": 100, "shadow": 100, "brdf": 0}
-    assert (np.diff(camera_sample_cost(rays, GRID_SHARES)) > 0).all()
-    bowl = ((GRID - GRID[9]) ** 2 + 0.2)[:, None, None]
-    curve = bowl * np.where(np.arange(8) < 2, 1.0, 1e-2)  # columns of patches; too few are bright to be filtered away
-    found = pilot_of_curves(curve)
-    found[0.5] = Pilot(found[0.5].moments, rays, found[0.5].sums)
-    plain, costly = (SecondMoment(**{**PLAIN, "cost": cost}).fit(found).maps["patch"] for cost in (False, True))
-    np.testing.assert_array_equal(plain, GRID[9])
-    assert np.all(costly[:, :2] <= plain[:, :2]) and np.all(costly[:, 2:] < costly[:, :1])
+    w = GRID.astype(float)[:, None]
+    m = w[9] + 0.8 / 2.8
+    curve = 3 * np.stack([(w - m) ** 2 + 1.25 - (0.5 - m) ** 2, 0 * w], axis=2)
+    first = replace(pilot_of_curves(curve, shape=(4, 5))[0.5], rays={"camera": 100, "shadow": 400}, shading_samples=8)
+    fit = SecondMoment(filter="none", guard=0.0).fit({0.5: first})
+    np.testing.assert_array_equal(fit.maps["patch"], [[GRID[9], 0.5]])
+    # shares in proportion to 1 / (c v) with the costs 3.6 of w = 1 and 2 of w = 0
+    values = replace(first, sums={"values": np.array([[[16.0, 4.0]]] * 2)})
+    fit = SecondMoment("inverse-variance", filter="none").fit({0.5: values})
+    np.testing.assert_allclose(fit.weight, 2 / (2 + 3.6))
 
 
 def test_cheap_is_not_sure() -> None:
@@ -95,6 +87,32 @@ def test_cheap_is_not_sure() -> None:
     found = pilot_of_curves(np.ones((len(GRID), 1, 1)))
     found[0.5] = Pilot(found[0.5].moments, {"camera": 100, "shadow": 100, "brdf": 0}, found[0.5].sums)
     assert np.all(SecondMoment(guard=0.0).fit(found).weight == 0.5)
+
+
+def test_gain_is_significant_with_its_cost() -> None:
+    """A gain of three standard errors in variance, of which the cost takes two; no variance is subtracted."""
+    curve = np.array([1.0, 0.7])[:, None, None]
+    gain_square = (curve - 1) ** 2 + 16 * 0.1**2
+    curves = PatchCurves(curve, gain_square, np.full((1, 1), -0.1), np.full((1, 1), 17.0), 0)
+    np.testing.assert_array_equal(curves.variance, curve)
+    for guard, best in ((0.9, 1), (1.1, 0)):
+        assert guarded_argmin(curves, np.array([0.0, 0.2]), guard, np.ones(2, bool), 1.0) == best
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+def test_rounding_is_no_gain(unit: float) -> None:
+    """Curves that differ by 1e-7 stay at 1/2; those that differ by 1e-3 do not."""
+    for gain, weight in ((1e-7, 0.5), (1e-3, GRID[-2])):
+        curve = unit * np.where(GRID == GRID[-2], 1 - gain, 1)[:, None, None]
+        fit = SecondMoment(filter="none", cost=False).fit(pilot_of_curves(curve))
+        np.testing.assert_array_equal(fit.weight, weight)
+
+
+def test_size_and_sigma_of_the_filter() -> None:
+    curve = np.zeros((len(GRID), 8, 8))
+    curve[:, 3, 4] = 1
+    variance = SecondMoment(filter="gaussian", size=3, sigma=0.5).fit(pilot_of_curves(curve)).maps["variances"][0]
+    assert np.count_nonzero(variance) == 9 and variance[3, 5] / variance[3, 4] == pytest.approx(np.exp(-2))
 
 
 def test_objective_is_least_for_the_image() -> None:
@@ -116,6 +134,11 @@ def test_ends_are_for_images_that_like_them() -> None:
     curve = np.where(np.arange(8) < 2, outer[:, None, None], inner[:, None, None])
     weight = np.broadcast_to(SecondMoment(**PLAIN).fit(pilot_of_curves(curve)).weight, (32, 32))
     assert (weight[:, :8] == GRID[-2]).all() and (weight[:, 8:] == 0.5).all()
+    # two patches of 16 and 4 pixels: 16 * .5 + 4 * 1.25 < 16 * .6 + 4
+    curve = np.ones((len(GRID), 1, 2))
+    curve[-2:] = [[[0.6, 1.0]], [[0.5, 1.25]]]
+    fit = SecondMoment(**PLAIN).fit(pilot_of_curves(curve, shape=(4, 5)))
+    np.testing.assert_array_equal(fit.maps["patch"], [[1, 0.5]])
 
 
 def test_black_patches_stay_at_one_half() -> None:

@@ -14,17 +14,18 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import plastic
 from dmis.estimator.allocation import allocate
-from dmis.estimator.cost import RAY, RESAMPLED, SHADING, camera_sample_cost
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.experiment.compare import parse_rules
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
+from dmis.fit.round import Pilot
 from dmis.fit.simplex import Simplex, best_points
 from dmis.light.area import SphereLight
 from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID, Curves
+from dmis.variance.moments import Film
 from dmis.variance.simplex_curves import (
     SMALLEST_SHARE,
     SamplesTowardsLight,
@@ -247,15 +248,6 @@ def test_learned_shares_are_worth_it() -> None:
     assert np.median(learned.maps["patch"][0]) > 0.8 and learned.variance.mean() < 0.2 * equal.variance.mean()
 
 
-def test_cost_of_several_techniques() -> None:
-    """100 camera samples, two samples each of light, BRDF and resampled."""
-    rays = {"camera": 100, "shadow": 150, "brdf": 20, "resampled": 200}
-    shares, _ = grid(3)
-    each = np.array([SHADING + 0.75 * RAY, SHADING + 0.1 * RAY, RESAMPLED + RAY])
-    found = camera_sample_cost(rays, shares, 6, 2, ("light", "brdf", "resampled"))
-    np.testing.assert_allclose(found, 1 + 2 * each @ shares)
-
-
 def test_the_price_is_that_of_the_minimum() -> None:
     """A technique of twice the cost and a quarter of the variance in all patches is taken, although at the price of
     where it is not taken that would be worse; one of half the variance is no better.
@@ -269,7 +261,22 @@ def test_the_price_is_that_of_the_minimum() -> None:
         may = np.ones(shares.shape[1], bool)
         found = best_points(curves, cost, 1.5, may, np.full((2, 3), 16.0))
         assert (shares[2][found] == taken).all()
+        np.testing.assert_array_equal(best_points(curves, 10 * cost, 1.5, may, np.full((2, 3), 16.0)), found)
         assert (guarded_argmin(curves, cost, 1.5, may, price=1.0) == at).all()  # that where it is not taken
+
+
+def test_techniques_are_left_out_where_that_suits_the_image() -> None:
+    """Two patches of 16 and 4 pixels: 16 * .1 + 4 * 1.3 < 16 * .2 + 4, but not with 1.5 in place of 1.3."""
+    shares, inside = grid(2)
+    alone = int(shares[0].argmax())
+    for harm, w in ((1.3, 1.0), (1.5, 1 - SMALLEST_SHARE)):
+        curve = np.ones((shares.shape[1], 1, 2))
+        curve[[alone, inside[alone]]] = [[[0.1, harm]], [[0.2, 1.0]]]
+        sums = {"curve": curve, "gain_square": (curve - 1) ** 2, "position": np.zeros((1, 2))}
+        sums = {name: a * [16, 4] for name, a in sums.items()}
+        found = Pilot(Film(2, *np.ones((2, 4, 5, 3))), {"camera": 100}, sums)
+        fit = Simplex("light+brdf", filter="none", cost=False, guard=0.0).fit({0.5: found})
+        np.testing.assert_allclose(fit.maps["patch"][0], [[w, 0.5]])
 
 
 # Texts --------------------------------------------------------------------------------------------------------------

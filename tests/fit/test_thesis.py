@@ -181,16 +181,21 @@ def test_size_of_the_filter() -> None:
         assert np.count_nonzero(np.abs(weight - 0.4) > 1e-9) == size**2
 
 
-def test_patches_without_a_signal_may_be_left_out_of_the_filter() -> None:
-    """A black patch pulls its neighbours towards 1/2; with ``skip`` it takes their weight, and changes none."""
-    found = pilot(np.full((36, 36), 0.2))
-    for p in found.values():
-        p.moments.m2[16:20, 16:20] = 0
-    assert found[0.0].moments.variance()[16, 16, 0] == 0
-    half, skip = (Thesis(4, no_signal=option).fit(found).maps for option in ("half", "skip"))
-    assert half["raw"][4, 4] == 0.5 and STATUS[int(half["status"][4, 4])] == "no signal"
-    assert half["filtered"][4, 3] > 0.22 and half["filtered"][4, 4] > 0.22
-    np.testing.assert_allclose(skip["filtered"], 0.2, atol=1e-12)
+@pytest.mark.parametrize("sigma", [0.5, 1.0])
+def test_patches_without_a_signal_may_be_left_out_of_the_filter(sigma: float) -> None:
+    """Columns of patches of all four states, filtered by hand: ``skip`` leaves out only the one without a signal."""
+    states = ["minimum", "clipped", "not convex", "no signal"]
+    of_columns = np.array([(0.26, 1, 1, 1), (0.11, 0.5, 2, 1), (0.46, 0.2, 1.5, 1)]).repeat(4, axis=1)
+    variance = {w: np.broadcast_to(y[:, None], (16, 16, 3)) for w, y in zip(PILOT, of_columns)}
+    found = {w: Pilot(Moments(2, np.ones(v.shape), v)) for w, v in variance.items()}
+    raw, g = np.array([0.4, 1, 0, 0.5]), np.exp(-(np.arange(-2, 3) ** 2) / (2 * sigma**2))
+    for option, count in (("half", np.ones(4)), ("skip", np.array([1, 1, 1, 0]))):
+        maps = Thesis(4, sigma=sigma, no_signal=option).fit(found).maps
+        np.testing.assert_allclose(maps["raw"][1], raw, atol=1e-12)
+        assert [STATUS[k] for k in maps["status"][1]] == states
+        for k, filtered in enumerate(maps["filtered"][1]):
+            near = np.clip(np.arange(k - 2, k + 3), 0, 3)  # the border is repeated
+            assert filtered == pytest.approx((g * (count * raw)[near]).sum() / (g * count[near]).sum())
 
 
 def test_ragged_patches_may_count_by_their_area() -> None:
