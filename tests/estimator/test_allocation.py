@@ -208,11 +208,3 @@ def test_covariance_of_rounding(w: tuple[float, ...], shading_samples: int) -> N
     counts = divide(np.repeat(np.array(w)[:, None], 100_000, axis=1), shading_samples, 5, 1, offset)
     each = np.array([*counts.per_technique, shading_samples - sum(counts.per_technique)])
     np.testing.assert_allclose(np.cov(each) / shading_samples**2, rounding_covariance(w, shading_samples), atol=2e-3)
-
-
-def test_rounding_of_two() -> None:
-    """With the fractional part p of ``w S``: p (1 - p) / S^2."""
-    np.testing.assert_allclose(
-        rounding_covariance((0.4, 0.6), 2), 0.8 * 0.2 / 4 * np.array([[1, -1], [-1, 1]]), atol=1e-12
-    )
-    np.testing.assert_allclose(rounding_covariance((0.5, 0.5), 2), 0, atol=1e-12)

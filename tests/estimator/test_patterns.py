@@ -1,7 +1,7 @@
 """Lights that a subset of the camera samples samples: subsets, weights, rays, and unchanged means."""
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from dmis.estimator.allocation import shares_of
 from dmis.estimator.patterns import BLOCKS, FEW_LIGHTS, MOST_HALVINGS, LightSubsets, PatternMap, separate_lights
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import Rule
+from dmis.testing.scenes import ABOVE, box_scene
 from tests.helpers import images_z_score, shared_scene
 
 LIGHTS = 8
@@ -22,16 +23,18 @@ LIGHTS = 8
 class Halved(Rule):
     """One round of equal numbers; `halvings` of all lights, or random ones; None: no halvings."""
 
-    halvings: int | None = None
+    halvings: int | tuple[int, ...] | None = None
     at_random: bool = False
+    begin: int = 0
 
     def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
         shape, pattern = (LIGHTS + 1, *budget.shape), np.zeros(budget.shape, np.uint8)
-        halvings = None if self.halvings is None else np.full(shape, self.halvings, np.uint8)
+        halvings = None if self.halvings is None else np.uint8(np.zeros(shape) + np.reshape(self.halvings, (-1, 1, 1)))
         if self.at_random:
             halvings = np.random.default_rng(1).integers(0, MOST_HALVINGS + 1, shape).astype(np.uint8)
         patterns = PatternMap(((1, 1),), pattern, (1, 1), halvings)
-        yield Round(budget.spp, shares_of(0.5), budget.settings, patterns=patterns, image_weight=budget.spp)
+        more = {"patterns": patterns, "image_weight": budget.spp, "begin": self.begin}
+        yield Round(budget.spp, shares_of(0.5), budget.settings, **more)
 
 
 def lamps() -> dmis.Scene:
@@ -42,7 +45,7 @@ def images(rule: Rule, seeds: range, **options: object) -> list[Array]:
     return [dmis.render(lamps(), rule, 16, seed=seed, parallel=1, **options).image for seed in seeds]
 
 
-@pytest.mark.parametrize("samples", [1, 2, 3, 8, 24, 56, 64])
+@pytest.mark.parametrize("samples", [1, 2, 3, 8, 24, 30, 56, 64])
 @pytest.mark.parametrize("halvings", range(1, MOST_HALVINGS + 1))
 def test_weights_add_up_in_all_sub_blocks(samples: int, halvings: int) -> None:
     """A light counts as if all camera samples looked at it, in each sub-block as far as they can be divided evenly."""
@@ -74,10 +77,13 @@ def test_mean_does_not_depend_on_halvings(rule: Halved, sampler: str) -> None:
 
 
 def test_fewer_rays() -> None:
-    every, halved = (dmis.render(lamps(), rule, 16, parallel=1).rays for rule in (Halved(), Halved(2)))
-    for kind in ("shadow", "brdf", "delta"):
-        assert halved[kind] == pytest.approx(every[kind] / 4, rel=0.1)
-    assert halved["camera"] == every["camera"]
+    """A quarter of all samples of lamps, of delta lights, or of both, in a round that goes on from another, too."""
+    rules = Halved(begin=8), Halved(2, begin=8), Halved((2,) * LIGHTS + (0,)), Halved((0,) * LIGHTS + (2,))
+    every, *halved = (dmis.render(lamps(), rule, 16, parallel=1).rays for rule in rules)
+    for rays, (of_lamps, of_deltas) in zip(halved, ((4, 4), (4, 1), (1, 4)), strict=True):
+        for kind, part in (("shadow", of_lamps), ("brdf", of_lamps), ("delta", of_deltas)):
+            assert rays[kind] == pytest.approx(every[kind] / part, rel=0.1)
+        assert rays["camera"] == every["camera"]
 
 
 def test_deviation_has_lights_that_few_look_at() -> None:
@@ -95,3 +101,6 @@ def test_where_there_is_a_choice() -> None:
     assert separate_lights(lamps().plan, dmis.Settings(integrator="direct", lights="one")) == 0
     assert separate_lights(lamps().plan, dmis.Settings(integrator="direct", lights="tree")) == 1
     assert separate_lights(shared_scene("cornell", (8, 8)).plan, settings) == 0
+    others = (dmis.PointLight((0, 0, 2), (1, 1, 1)), ABOVE, *(replace(ABOVE, radiance=(k, 1, 1)) for k in range(1, 33)))
+    found = [separate_lights(box_scene(lights=others[:n]).plan, settings) for n in (1, 2, 33, 34)]
+    assert found == [0, 1, FEW_LIGHTS, 0]

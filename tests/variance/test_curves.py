@@ -123,6 +123,15 @@ def test_black_pixels() -> None:
     assert all((a == 0).all() for a in curves.sums().values())
 
 
+def test_blocks_without_records_count() -> None:
+    """As many camera samples again that meet no light halve all sums."""
+    curves = pilot(50, 2, seed=1)
+    before = curves.sums()
+    curves.add([], np.zeros((3, 100), np.float32), 2)
+    for name in ("curve", "pattern", "position"):
+        np.testing.assert_allclose(curves.sums()[name], before[name] / 2)
+
+
 def test_one_camera_sample_is_too_few() -> None:
     """Curves from one camera sample raise an error, because a variance needs two."""
     with pytest.raises(ValueError, match="at least two camera samples"):

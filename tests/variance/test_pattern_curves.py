@@ -1,11 +1,14 @@
 """Curves at the shares of patterns: kept apart by colour, and the same in sum."""
 
+import itertools
+
 import numpy as np
 import pytest
 from helpers import pixel_shares
 
 import dmis
 from dmis.estimator.patterns import SHARES
+from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.pipeline.tile import Tile, render_tile
@@ -62,6 +65,22 @@ def test_halves_tell_the_error_of_half_the_samples() -> None:
     rng = np.random.default_rng(1)
     radiance = rng.random((3, 9, 5))
     statistic = PatternCurves(5, 4)
-    statistic.add([], radiance.reshape(3, -1), 9)
-    expected = ((radiance[:, :4].mean(axis=1) - radiance[:, 4:8].mean(axis=1)) ** 2).mean(axis=0)
+    for part in (radiance, 3 * radiance):
+        statistic.add([], part.reshape(3, -1), 9)
+    expected = 10 * ((radiance[:, :4].mean(axis=1) - radiance[:, 4:8].mean(axis=1)) ** 2).mean(axis=0)
     np.testing.assert_allclose(statistic.sums()["halves"], expected, rtol=1e-12)
+
+
+def test_variances_of_each_light_and_of_the_rest() -> None:
+    """Four shading samples of a lamp and of a light behind those told apart; the lamp at the second surface is rest."""
+    rng, n = np.random.default_rng(2), 6 * 5
+    statistic, radiance = PatternCurves(5, 4, lights=1), rng.random((3, n), np.float32)
+    parts, records = {key: np.zeros((3, n), np.float32) for key in ((0,), (1,), (0, 0))}, []
+    for key, side, turn in itertools.product(parts, (0, 1), (0, 1)):
+        value = rng.random((3, n), np.float32)
+        records.append(Record(side, key, turn, None, value, rng.random((2, n), np.float32)))
+        parts[key] += value / 4
+    statistic.add(records, radiance + sum(parts.values()), 6)
+    rest = radiance + parts[1,] + parts[0, 0]
+    expected = [part.mean(axis=0).reshape(6, 5).var(axis=0, ddof=1) for part in (parts[0,], rest)]
+    np.testing.assert_allclose(statistic.sums()["lights"], expected, rtol=1e-4)
