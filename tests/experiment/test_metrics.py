@@ -9,6 +9,7 @@ import dmis
 from dmis.experiment.metrics import (
     holm_levels,
     log_ratio,
+    mean_and_error,
     mean_over_blocks,
     mse,
     ratio,
@@ -24,13 +25,18 @@ def test_closed_forms():
     assert mse(image, reference) == pytest.approx(0.01)
     assert relmse(image, reference) == pytest.approx(0.01 / 0.26)
     assert block_error(image, reference, 2) == pytest.approx(0.2)
+    # halves of .3 and .7: (.6 - .3) (.6 - .7) / (.5^2 + .01)
+    halves = reference - 0.2, reference + 0.2
+    assert (mse(image, *halves), relmse(image, *halves)) == pytest.approx((-0.03, -0.03 / 0.26))
+    assert mean_and_error([1, 2, 6]) == pytest.approx((3, np.sqrt(7 / 3)))
 
 
 def test_share_of_the_sum_in_few_pixels():
-    """Planted: one pixel of 100 has 60 of 159; of normal errors the worst 1 % have 8 %; no share of no error."""
+    """Planted: one pixel of 100 has 60 of 159, two of 150 the two largest; of normal errors the worst 1 % have 8 %."""
     errors = np.ones((10, 10))
     errors[3, 4] = 60
     assert share_of_few(errors) == pytest.approx(60 / 159)
+    assert share_of_few(np.arange(1, 151).reshape(10, 15)) == pytest.approx(299 / 11325)
     normal = np.random.default_rng(1).standard_normal((400, 400)) ** 2
     assert share_of_few(normal) == pytest.approx(0.0845, abs=0.003)
     assert np.isnan(share_of_few(np.zeros((3, 3))))
@@ -71,6 +77,8 @@ def test_ratio_of_equal_and_proportional_values():
     """The error of proportional values is 0; that of a single seed is NaN."""
     baseline = np.array([1.0, 2.0, 4.0])
     assert ratio(0.5 * baseline, baseline) == pytest.approx((0.5, 0), abs=1e-12)
+    widths = [ratio(baseline, baseline[::-1], level)[1] for level in (0.95, 0.5)]
+    assert widths[1] / widths[0] == pytest.approx(0.81650 / 4.30265, rel=1e-4)  # of Student's t with two degrees
     assert ratio(baseline[:1], baseline[:1])[0] == 1 and np.isnan(ratio(baseline[:1], baseline[:1])[1])
 
 

@@ -8,7 +8,9 @@ from dmis.base.patches import patch_spread
 from dmis.base.vectors import Array
 from dmis.experiment.metrics import ratio
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.oracle_renders import make_oracle
+from dmis.experiment.oracle_renders import curve_settings, make_oracle
+from dmis.pipeline.job import LEARNED_COMPENSATION
+from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID, HALF
 
 BEST = GRID[[0, 3, 6, 9, 12, 4]].reshape(2, 3)
@@ -50,6 +52,8 @@ def test_saving_regret_harm(oracle: Oracle) -> None:
     assert oracle.harm(best) == (0, 0) and oracle.harm(half) == (0, 0)
     assert oracle.saving(wrong) < 0 and oracle.harm(wrong)[0] == 1
     assert oracle.regret(wrong)[1, 2] == 0  # black
+    one = np.where(np.arange(96).reshape(8, 12) < 48, np.where(np.arange(12) < 4, wrong, best), best)
+    assert oracle.harm(one) == pytest.approx((0.2, np.sqrt(0.2 * 0.8 / 5)))  # one of five
 
 
 def test_rendered_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:
@@ -103,6 +107,13 @@ def test_oracle_of_another_combiner(box: dmis.Scene, tmp_path) -> None:
     balance, power = (make_oracle(box, 64, combiner=name, folder=tmp_path) for name in ("balance", "power"))
     np.testing.assert_allclose(power.variance[[0, -1]], balance.variance[[0, -1]], rtol=1e-4, atol=1e-9)
     assert not np.allclose(power.variance[HALF], balance.variance[HALF], rtol=0.01)
+
+
+def test_compensation_of_an_oracle() -> None:
+    """Under a sky that of rules that learn, unless one is given, and be it 0."""
+    sky = box_scene(lights=(dmis.EnvironmentLight(np.ones((1, 1, 3))),))
+    settings = [curve_settings(sky, dmis.Settings(compensation=given)) for given in (None, 0.0, 0.5)]
+    assert [found.compensation for found in settings] == [LEARNED_COMPENSATION, 0.0, 0.5]
 
 
 def test_oracle_of_the_tilt(box: dmis.Scene, tmp_path) -> None:

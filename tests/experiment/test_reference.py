@@ -94,8 +94,9 @@ def test_settings_of_the_estimator_do_not_count(box, tmp_path):
     ):  # fmt: skip
         np.testing.assert_array_equal(dmis.make_reference(box, 16, folder=tmp_path, **options).first, made.first)
     assert len(list(tmp_path.iterdir())) == 1
-    dmis.make_reference(box, 16, folder=tmp_path, max_depth=1)
-    assert len(list(tmp_path.iterdir())) == 2
+    for files, options in ((2, {"max_depth": 1}), (3, {"rule": "balance"}), (4, {"integrator": "path"})):
+        dmis.make_reference(box, 16, folder=tmp_path, **options)
+        assert len(list(tmp_path.iterdir())) == files
 
 
 def test_a_damaged_file_of_the_cache_is_named(box, tmp_path):

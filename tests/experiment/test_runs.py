@@ -1,9 +1,9 @@
 """Runs: their order, errors and times, and the number of samples for a given time."""
 
+import numpy as np
 import pytest
 
 import dmis
-from dmis.experiment.metrics import mse, relmse
 from dmis.experiment.runs import measure
 
 
@@ -18,8 +18,18 @@ def test_measure(box, tmp_path):
     for (rule, spp), both in runs.items():
         assert [r.seed for r in both] == [3, 5]
         result = dmis.render(box, rule, spp, seed=5)
-        assert both[1].mse == pytest.approx(mse(result.image, reference.first, reference.second), rel=1e-12)
-        assert both[1].relmse == pytest.approx(relmse(result.image, reference.first, reference.second), rel=1e-12)
+        first, second = (half.astype(float) for half in (reference.first, reference.second))
+        product, r, d = (
+            (result.image - first) * (result.image - second),
+            (first + second) / 2,
+            result.image - reference.mean,
+        )
+        assert both[1].mse == pytest.approx(product.mean(), rel=1e-12)
+        assert both[1].relmse == pytest.approx((product / (r**2 + 0.01)).mean(), rel=1e-12)
+        # noise by the halves of 64 samples, where it is more than d^2
+        noise = ((first - second) ** 2).mean(axis=(0, 1)) / 4 * (1 + 128 / spp)
+        z = d.mean(axis=(0, 1)) / np.sqrt(np.maximum(noise, (d**2).mean(axis=(0, 1))) / (24 * 32))
+        assert both[1].mean_z == pytest.approx(z[np.abs(z).argmax()], rel=1e-6)
         assert both[1].rays == sum(result.rays.values())
         assert 0 <= both[1].overhead < both[1].seconds and both[1].mse_error > 0
     assert runs["balance", 8][0].mse != runs["balance", 8][1].mse
