@@ -209,6 +209,8 @@ def test_headlight_needs_no_shadow_rays() -> None:
         image, rays = tile_of(box_scene(matte(0.5), (light,), (BALL,), eye=eye))
         images.append(image)
         assert (rays["delta"] > 0) == traced and not rays["shadow"]
+        path = tile_of(box_scene(matte(0.5), (light,), (BALL,), eye=eye), integrator="path", max_depth=2)[1]
+        assert path["delta"] > 0  # at the second surface
     # at the ball's silhouette, moved by 1e-4, some samples of a pixel fall into shadow
     close = np.isclose(*images, rtol=1e-3).all(axis=2)
     assert close.mean() > 0.95

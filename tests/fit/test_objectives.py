@@ -17,8 +17,8 @@ Q = (P_L + P_B) / 2
 
 
 def f(x: Array) -> Array:
-    """Follows p_l a little more than p_b; its ratio to either is bounded."""
-    return 6 * x * (1 - x) * (1 + 0.4 * x)
+    """Follows p_b more than p_l; its ratio to either is bounded, and all divergences have roots of their own."""
+    return 6 * x * (1 - x) ** 2 * (1 + 3 * x**4)
 
 
 def integral(g: Array) -> float:
@@ -101,6 +101,8 @@ def test_nothing_seen(name: str) -> None:
     statistic = Gather(objective(name), 4, 2)
     statistic.add([], np.zeros((3, 8), np.float32), 2)
     assert (objective(name).solve(statistic.sums()["values"], (1.0, 1.0)) == 0.5).all()
+    if name in ("kl", "tsallis"):  # xi falls with w: no root above or below 0
+        assert [objective(name).solve(sign * np.ones((11, 1, 1)), (1.0, 1.0)) for sign in (1, -1)] == [1, 0]
 
 
 @pytest.mark.parametrize("name", OBJECTIVE_NAMES)

@@ -261,7 +261,7 @@ def test_the_price_is_that_of_the_minimum() -> None:
         may = np.ones(shares.shape[1], bool)
         found = best_points(curves, cost, 1.5, may, np.full((2, 3), 16.0))
         assert (shares[2][found] == taken).all()
-        np.testing.assert_array_equal(best_points(curves, 10 * cost, 1.5, may, np.full((2, 3), 16.0)), found)
+        np.testing.assert_array_equal(best_points(curves, 1e3 * cost, 1.5, may, np.full((2, 3), 16.0)), found)
         assert (guarded_argmin(curves, cost, 1.5, may, price=1.0) == at).all()  # that where it is not taken
 
 

@@ -8,6 +8,7 @@ import pytest
 
 import dmis
 from dmis.estimator.allocation import shares_of
+from dmis.estimator.patterns import PatternMap
 from dmis.estimator.settings import make_settings
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Fit, Round
@@ -40,12 +41,15 @@ def test_tiles_have_the_maps_of_their_pixels():
     """Samples and shares of a tile are those of its rows and columns; equal shares become one column."""
     rng, settings = np.random.default_rng(1), dmis.Settings()
     spp, shares = rng.integers(1, 9, (40, 50)), rng.random((3, 40, 50))
-    for tile in make_tiles((50, 40), 1, 0, Round(spp, shares, settings)):
+    patterns = PatternMap(((1, 1),), rng.integers(0, 9, (40, 50)), (1, 1), rng.integers(0, 4, (3, 40, 50)))
+    for tile in make_tiles((50, 40), 1, 0, Round(spp, shares, settings, patterns=patterns)):
         area = slice(*tile.rows), slice(*tile.columns)
         row = tile.round.in_row_order()
         np.testing.assert_array_equal(row.spp, spp[area].reshape(-1))
         np.testing.assert_array_equal(row.shares, [share[area].reshape(-1) for share in shares])
         assert tile.camera_samples == spp[area].sum()
+        np.testing.assert_array_equal(tile.round.patterns.pattern, patterns.pattern[area])
+        np.testing.assert_array_equal(tile.round.patterns.halvings, patterns.halvings[:, *area])
     of_image = np.array([0.2, 0.3, 0.5])
     for equal in (of_image, np.broadcast_to(of_image[:, None, None], (3, 40, 50))):
         row = make_tiles((50, 40), 1, 0, Round(4, equal, settings))[0].round.in_row_order()
