@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.records import Record
 from dmis.fit.objectives import OBJECTIVE_NAMES, Gather, objective
@@ -103,15 +102,6 @@ def test_nothing_seen(name: str) -> None:
     assert (objective(name).solve(statistic.sums()["values"], (1.0, 1.0)) == 0.5).all()
     if name in ("kl", "tsallis"):  # xi falls with w: no root above or below 0
         assert [objective(name).solve(sign * np.ones((11, 1, 1)), (1.0, 1.0)) for sign in (1, -1)] == [1, 0]
-
-
-@pytest.mark.parametrize("name", OBJECTIVE_NAMES)
-def test_rules_render(box: dmis.Scene, name: str) -> None:
-    """Each is a rule: weights within [0, 1], not all at 1/2, where all have an opinion."""
-    result = dmis.render(box, name, 16, seed=1)
-    assert result.weight.min() >= 0 and result.weight.max() <= 1
-    assert (result.weight != 0.5).any()
-    assert np.isfinite(result.image).all()
 
 
 def test_unknown_objective() -> None:

@@ -117,10 +117,12 @@ def test_standard_error_of_the_gain() -> None:
 
 
 def test_black_pixels() -> None:
-    """A pilot without records has curves of 0."""
-    curves = Curves(4, 4)
-    curves.add([], np.zeros((3, 8), np.float32), 2)
-    assert all((a == 0).all() for a in curves.sums().values())
+    """A pilot without records has curves of 0, and so has one whose samples towards a light are all occluded."""
+    record = Record(0, (0,), 0, np.arange(6), np.zeros((3, 6), np.float32), np.ones((2, 6), np.float32))
+    for records in ([], [record]):
+        curves = Curves(2, 4, combiner="power")
+        curves.add(records, np.zeros((3, 6), np.float32), 3)
+        assert all((a == 0).all() for a in curves.sums().values())
 
 
 def test_blocks_without_records_count() -> None:
@@ -159,14 +161,6 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
     )
     measured = images.var(axis=0, ddof=1).mean() * 64
     assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both
-
-
-def test_all_samples_in_shadow() -> None:
-    """A tile in which all samples towards a light are occluded has curves of 0."""
-    record = Record(0, (0,), 0, np.arange(6), np.zeros((3, 6), np.float32), np.ones((2, 6), np.float32))
-    curves = Curves(2, 4, combiner="power")
-    curves.add([record], np.zeros((3, 6), np.float32), 3)
-    assert all(not values.any() for values in curves.sums().values())
 
 
 @pytest.mark.parametrize("lights, combiner", [(1, "balance"), (2, "balance"), (2, "power")])
