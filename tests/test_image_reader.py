@@ -108,6 +108,8 @@ def test_materials_and_skies_take_paths(tmp_path):
     sky.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 3\n" + bytes([128, 64, 32, 130] * 6))
     (lobe,) = dmis.matte(str(wood)).lobes
     np.testing.assert_allclose(lobe.reflectance.texels, linear(PIXELS[::-1, :, :3]), atol=2e-5)
+    (metal,) = dmis.metallic_roughness(str(wood), 1.0).lobes
+    np.testing.assert_allclose(metal.fresnel.f0.texels, lobe.reflectance.texels, atol=1e-6)
     (coat,) = dmis.ggx(ks=0.1, alpha=rough).lobes
     np.testing.assert_allclose(coat.roughness.alpha.texels[::-1, :, 0], (PIXELS[..., 0] // 2 + 64) / 255, atol=1e-6)
     assert dmis.Image(str(wood), scale=(2, 2)).texels.shape == (5, 7, 3)

@@ -440,15 +440,16 @@ def test_lights(tmp_path):
     turn = {"rotation": [-np.sqrt(0.5), 0, 0, np.sqrt(0.5)]}  # -z becomes -y
     kinds = [{"type": "directional", "intensity": 3}, {"type": "point", "color": [1, 0.5, 0], "intensity": 4}]
     kinds.append({"type": "spot", "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}})
+    kinds.append({"type": "spot", "spot": {}})
     file.json["extensions"] = {"KHR_lights_punctual": {"lights": kinds}}
-    for k in range(3):
+    for k in range(4):
         node = {"extensions": {"KHR_lights_punctual": {"light": k}}, "translation": [0, 2, k], **turn}
         file.json["nodes"].append(node)
-    sun, point, spot = file.load(tmp_path).lights
+    sun, point, spot, wide = file.load(tmp_path).lights
     np.testing.assert_allclose(sun.direction, [0, 1, 0], atol=1e-6)
     assert sun.radiance == (3, 3, 3) and point.intensity == (4, 2, 0) and point.position == pytest.approx((0, 2, 1))
     np.testing.assert_allclose(spot.direction, [0, -1, 0], atol=1e-6)
-    assert (spot.inner, spot.outer) == pytest.approx((np.degrees(0.1), np.degrees(0.2)))
+    assert (spot.inner, spot.outer, wide.inner, wide.outer) == pytest.approx((*np.degrees([0.1, 0.2]), 0, 45))
 
 
 def test_cameras(tmp_path):
@@ -470,9 +471,9 @@ def test_cameras(tmp_path):
     assert x[1] > x[0] and y[2] < y[0]
     upright = file.load(tmp_path, camera="camera 1").camera
     assert upright.resolution == (240, 480) and upright.fov == pytest.approx(np.degrees(2 * np.arctan(np.tan(0.5) / 2)))
-    file.json["cameras"][1] = {"type": "orthographic", "orthographic": {"xmag": 3, "ymag": 1.5, "znear": 0, "zfar": 9}}
+    file.json["cameras"][1] = {"type": "orthographic", "orthographic": {"xmag": 1.5, "ymag": 3, "znear": 0, "zfar": 9}}
     flat = file.load(tmp_path, camera="camera 1").camera
-    assert (flat.projection, flat.resolution) == ("orthographic", (960, 480))
+    assert (flat.projection, flat.resolution) == ("orthographic", (240, 480))
     assert np.tan(np.radians(flat.fov / 2)) == pytest.approx(1.5)
     assert file.load(tmp_path, up="y").camera.resolution == (640, 480)
     assert "cameras of the file, the default first: front, camera 1" in file.load(tmp_path).describe()

@@ -184,6 +184,15 @@ def test_power_counts_areas_colours_and_sides() -> None:
     np.testing.assert_allclose(probability / probability[0], [1, 1.5 * 0.212671, 1], rtol=1e-6)
 
 
+def test_dim_lamps_beside_a_bright_one_are_sampled() -> None:
+    """A hundred share 1.7 steps of the first number, 2^-24 each: the second number tells them apart."""
+    places = [(float(k), 0.0, 1.0) for k in range(101)]
+    lights = [QuadLight(at, (0, 0.1, 0), (0.1, 0, 0), (1e9 if at[0] == 100 else 1.0,) * 3) for at in places]
+    u = np.stack([np.repeat([0, 2.0**-24], 2**12), np.tile(np.linspace(0, 1 - 2**-12, 2**12), 2)]).astype(np.float32)
+    wi = composite("power", tuple(lights)).sample(np.zeros((3, 2**13), np.float32), u).wi
+    assert set(np.floor(wi[0] / wi[2] + 1e-3).astype(int)) == set(range(101))
+
+
 def test_tree_selects_whatever_may_give_light() -> None:
     """No piece whose sample emits towards the upper side of a surface has the probability 0; all together have 1."""
     rng = np.random.default_rng(5)
@@ -224,6 +233,8 @@ def test_tree_prefers_what_is_near_and_faces_the_point() -> None:
     near, far, bright, away = light.selection.probability(p, up, np.arange(4))
     assert near > 10 * far and 3 * far < bright < 6 * far and away == 0
     u = np.array([0, 0.3, 0.7, 1 - 2.0**-48])
+    assert light.seen_from(up).ng is up  # and not from both sides
+    assert not light.seen_from(-up).sample(p - 6 * up, np.stack([u, u]).astype(np.float32)).emits.any()
     piece, nothing, rest = light.selection.select(p - 6 * up, -up, u)  # all lamps are far behind the surface
     assert (piece < 4).all() and not nothing.any() and ((rest >= 0) & (rest < 1)).all()
 

@@ -558,10 +558,11 @@ def test_one_triangle_needs_no_indices_in_v4(read):
 
 
 def test_attribute_adds_parameters_to_its_block(read):
-    world = 'AttributeBegin Attribute "shape" "float radius" 2 Shape "disk" AttributeEnd Shape "disk"'
+    wide = 'Attribute "shape" "float radius" 2 Shape "disk" Shape "disk" "float radius" 5'
+    world = f'AttributeBegin {wide} AttributeEnd Shape "disk"'
     mesh = read("v4", world, add="").parts[0].mesh
     radius = np.linalg.norm(mesh.vertices, axis=1).round(9)
-    assert set(radius) == {0, 1, 2}
+    assert set(radius) == {0, 1, 2, 5}
 
 
 def test_import_leaves_the_state_alone(read, tmp_path):

@@ -414,6 +414,8 @@ def test_texture_of_the_material_line_beats_constant_of_a_named_material(read):
     world = 'Texture "t" "color" "constant" "color value" [.3 .3 .3] Material "matte" "texture Kd" "t"\n'
     scene = read(world + 'MakeNamedMaterial "a" "string type" "matte" "color Kd" [.2 .2 .2] NamedMaterial "a"')
     close(lobes(scene)[0].reflectance, [0.3] * 3)
+    other = 'Texture "u" "color" "constant" "color value" [.7 .7 .7] MakeNamedMaterial "a" "string type" "matte" '
+    close(lobes(read(f'{world} {other} "texture Kd" "u" NamedMaterial "a"'))[0].reflectance, [0.7] * 3)
 
 
 def test_named_materials(read):
