@@ -20,7 +20,7 @@ from dmis.testing.sphere import polar
 
 VIEWS = polar(50, 25), polar(80, 25)
 WI = np.stack([polar(*pair) for pair in ((10, 0), (30, 120), (49, 206), (60, 215), (75, 60), (83, 205))], axis=1)
-RED = np.array([0.8, 0.5, 0.1])
+RED = np.array([0.95, 0.5, 0.1])
 INDEX = (1 + np.sqrt(RED)) / (1 - np.sqrt(RED))
 """Index of the conductor that reflects `RED` of the light along its normal."""
 GOLD: Any = ((0.14, 0.37, 1.44), (3.98, 2.39, 1.6))

@@ -227,15 +227,15 @@ def test_base_colour(tmp_path):
     """The top row of an image is at the top of the quad, whose v is 0; a transform of the texture moves it."""
     file = File()
     surface = {"baseColorFactor": [1, 0.5, 0.25, 1], "metallicFactor": 0, "roughnessFactor": 0.5}
-    place = {"KHR_texture_transform": {"scale": [2, 3], "offset": [0.1, 0.2]}}
+    place = {"KHR_texture_transform": {"scale": [2, 2.5], "offset": [0.1, 0.2]}}
     surface["baseColorTexture"] = {"index": file.texture(PIXELS), "extensions": place}
     scene = file.mesh({"pbrMetallicRoughness": surface, "extensions": MATTE}).load(tmp_path)
     (lobe,) = scene.parts[0].material.lobes
     assert isinstance(lobe, Lambert)
-    mesh = scene.parts[0].mesh
-    s, t = mesh.uv[2] * [1, -1] + [0, 1]  # the corner at the top right, in the file's coordinates
-    x, y = ((2 * s + 0.1) % 1 * 6, (3 * t + 0.2) % 1 * 4)
-    texel = lobe.reflectance(np.float32(mesh.uv[[2]].T))[:, 0]
+    uv = scene.parts[0].mesh.uv[:3].T @ [0.3, 0.2, 0.5]
+    s, t = uv * [1, -1] + [0, 1]  # in the file's coordinates
+    x, y = ((2 * s + 0.1) % 1 * 6, (2.5 * t + 0.2) % 1 * 4)
+    texel = lobe.reflectance(np.float32(uv[:, None]))[:, 0]
     i, j = int(y - 0.5), int(x - 0.5) % 6
     a, b = y - 0.5 - i, (x - 0.5) % 6 - j
     tile = linear(PIXELS)[np.ix_([i, (i + 1) % 4], [j, (j + 1) % 6])] * [1, 0.5, 0.25]
@@ -270,11 +270,12 @@ def test_textures_that_are_placed(tmp_path, wraps, rotation):
 def test_metal_and_roughness(tmp_path):
     """Roughness is in the green channel, metalness in the blue, neither is sRGB; both have factors."""
     file = File()
-    surface = {"roughnessFactor": 0.5, "metallicRoughnessTexture": {"index": file.texture(PIXELS)}}
+    surface = {"roughnessFactor": 0.5, "metallicFactor": 0.6}
+    surface["metallicRoughnessTexture"] = {"index": file.texture(PIXELS)}
     scene = file.mesh({"pbrMetallicRoughness": surface}).load(tmp_path)
     base, facets = scene.parts[0].material.lobes
     pixels = PIXELS[::-1] / 255
-    np.testing.assert_allclose(base.reflectance.texels, 1 - pixels[..., 2:], atol=1e-6)
+    np.testing.assert_allclose(base.reflectance.texels, 1 - 0.6 * pixels[..., 2:], atol=1e-6)
     expected = np.maximum(0.5 * pixels[..., 1:2], 0.03) ** 2
     np.testing.assert_allclose(facets.roughness.alpha.texels, expected, atol=1e-6)
     copper = {"pbrMetallicRoughness": {"baseColorFactor": [0.9, 0.6, 0.2, 1]}}

@@ -193,8 +193,10 @@ def test_dim_lamps_beside_a_bright_one_are_sampled() -> None:
     assert set(np.floor(wi[0] / wi[2] + 1e-3).astype(int)) == set(range(101))
 
 
-def test_tree_selects_whatever_may_give_light() -> None:
+@pytest.mark.parametrize("nodes", [16, 4096])
+def test_tree_selects_whatever_may_give_light(nodes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """No piece whose sample emits towards the upper side of a surface has the probability 0; all together have 1."""
+    monkeypatch.setattr(tree, "NODES", nodes)
     rng = np.random.default_rng(5)
     light = composite("tree", tuple(lamp(rng, k % 6) for k in range(60)))
     count, total = len(light.pieces.area), 0
