@@ -44,6 +44,7 @@ from dmis.experiment.bench.data import (
     VERSION,
     Pilots,
     Truth,
+    checksum,
     path_of,
     read_pilots,
     read_truth,
@@ -176,7 +177,7 @@ def _rounded(column: np.ndarray) -> np.ndarray:
 
 def _write(path: Path, about: Any, arrays: Mapping[str, np.ndarray]) -> None:
     """Write arrays and what the header says about them."""
-    header = json.dumps({"mis-bench": VERSION, "about": about})
+    header = json.dumps({"mis-bench": VERSION, "about": about, "checksum": checksum(arrays)})
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial_path, open(partial_path, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, header=np.array(header), **arrays)

@@ -294,6 +294,22 @@ def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
         read_truth(path)
 
 
+def test_tables_are_compared_with_their_sha256(tmp_path: Path, planted: Truth) -> None:
+    """An archive that was written again with other values is refused; one without a checksum is read with a warning."""
+    path = tmp_path / "truth.npz"
+    write_truth(path, planted)
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    np.savez(path, **(arrays | {"power": arrays["power"] * 2}))
+    with pytest.raises(ValueError, match="its SHA-256 is not that in its header"):
+        read_truth(path)
+    header = json.loads(str(arrays["header"]))
+    del header["checksum"]
+    np.savez(path, **(arrays | {"header": np.array(json.dumps(header))}))
+    with pytest.warns(UserWarning, match=f"{path} has no SHA-256"):
+        np.testing.assert_allclose(read_truth(path).power, planted.power, rtol=1e-6)
+
+
 class Endless(dmis.Rule):
     """A rule whose pilot is larger than a table."""
 

@@ -1,11 +1,12 @@
 """Files of MIS-Bench (docs/mis-bench.md): pilots of a scene and seed, and converged curves of a scene.
 
-Each is an ``.npz`` of plain arrays and a JSON text, ``header``; benchmarks/mis_bench.py makes them.
+Each is an ``.npz`` of plain arrays and a JSON text, ``header``, with a checksum; benchmarks/mis_bench.py makes them.
 """
 
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,7 +92,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
-    """Return what the header of a file says about its arrays, and these."""
+    """Return what the header of a file says about its arrays, and these; a UserWarning if it has no checksum."""
     if not path.exists():
         make = "Make it in a checkout of dmis: python benchmarks/mis_bench.py (ten minutes)"
         raise ValueError(f"there is no {path}. {make}, or try --scenes {SMALL}")
@@ -99,9 +100,20 @@ def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = dict(archive)
         header = json.loads(str(arrays.pop("header")))
-        intact = header["mis-bench"] == VERSION
+        known = header.get("checksum")
+        intact = header["mis-bench"] == VERSION and known in (None, checksum(arrays))
     except Exception:  # a damaged archive may raise anything
         intact = False
     if not intact:
-        raise ValueError(f"{path} must be a file of MIS-Bench {VERSION}; it is damaged. Remove it and make it again")
+        reason = "it is damaged, or its SHA-256 is not that in its header"
+        raise ValueError(f"{path} must be a file of MIS-Bench {VERSION}; {reason}. Remove it and make it again")
+    if known is None:
+        warnings.warn(f"{path} has no SHA-256 that shows whether it was changed: make it again", stacklevel=3)
     return header["about"], arrays
+
+
+def checksum(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return the SHA-256 of the names and bytes of arrays, in the order of their names."""
+    import hashlib  # imported where used: it brings OpenSSL
+
+    return hashlib.sha256(b"".join(name.encode() + arrays[name].tobytes() for name in sorted(arrays))).hexdigest()
