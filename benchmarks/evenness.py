@@ -73,7 +73,7 @@ def measure_evenness(
     settings = curve_settings(scene, settings)
     key = {"dmis": __version__, "scene": fingerprint(scene), "spp": spp, "seeds": seeds, **settings_key(settings)}
     path = cache_path(scene, "evenness", key, folder, ".json")
-    errors = from_cache("evenness", path, key, _read_errors)
+    errors = from_cache(path, key, _read_errors, "evenness")
     if errors is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)

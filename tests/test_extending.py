@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import sys
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, results_z, z_score
+from helpers import Z_LIMIT, registries_kept, results_z, z_score
 
 import dmis
+from dmis.base import plugins
 from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.round import Round
@@ -117,6 +121,33 @@ def test_sampler_on_the_command_line(tmp_path: Path, capsys) -> None:
 def test_samplers_that_are_refused(name: str, factory: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         dmis.register_sampler(name, factory)  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("drawn")
+@pytest.mark.parametrize(
+    ("heading", "rule", "options", "changed"),
+    [
+        ("A sampler", "balance", {"sampler": "r2"}, "sampler r2"),
+        ("A technique", "simplex:light=0.5,cosine=0.5", {}, "technique cosine"),
+    ],
+)
+def test_edited_code_is_refused(heading: str, rule: str, options: dict, changed: str, box, tmp_path: Path) -> None:
+    """By checkpoints and comparisons, which are resumed otherwise. An oracle of an edited technique is another file."""
+    file, mine, reference = tmp_path / "my_code.py", {"parallel": 1, **options}, dmis.make_reference(box, 4)
+    for seeds, edit in ((1, ""), (2, ""), (3, "# edited\n")):
+        file.write_text(block(heading) + edit, "utf-8")
+        plugins._LOADED.clear()
+        sys.modules.pop("my_code", None)
+        with registries_kept():
+            plugins.load_plugin(file)
+            refused = partial(pytest.raises, ValueError) if edit else lambda match: nullcontext()
+            with refused(match=rf"{changed} is \w+ in the checkpoint and \w+ in this render$"):
+                dmis.render(box, rule, 4, checkpoint=tmp_path / "c", **mine)
+            with refused(match=rf"another rule .*{rule}: its options or .* changed, or its sampler or techniques;"):
+                dmis.compare(box, [rule], [4], seeds, reference, tmp_path / "runs", **mine)
+            if not options:
+                dmis.make_oracle(box, 8, techniques=("light", "cosine"), folder=tmp_path / "oracles")
+                assert len(list((tmp_path / "oracles").iterdir())) == (2 if edit else 1)
 
 
 def test_metric() -> None:

@@ -86,7 +86,7 @@ def make_oracle(
     path = cache_path(scene, _KINDS[weigh], key, folder, ".npz")
     if not scene.plan.mixable:
         raise ValueError(f"an oracle needs a light of two techniques, but scene {scene.name!r} has nothing to mix")
-    curves = from_cache("oracle", path, key, read_curves)
+    curves = from_cache(path, key, read_curves, "oracle")
     if curves is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -36,8 +36,7 @@ from dmis.scene.scene import Scene
 REFERENCE_SEED = 2**31
 """First seed of references and oracles, far from the seeds of renders."""
 KEY = "dmis.key"
-"""Attribute of a reference's file, and array of an oracle's: JSON of the key, what the content depends on."""
-Content = TypeVar("Content")
+"""Attribute of a reference's file, and array of an oracle's: what it is of, its key as JSON."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +132,7 @@ def make_reference(
     settings = Settings(integrator=given.integrator, max_depth=given.max_depth)
     key = {**expected_image_key(scene, settings), "spp": spp, "rule": rule}
     path = cache_path(scene, f"{spp}spp", key, folder, ".exr")
-    reference = from_cache("reference", path, key, _read_reference)
+    reference = from_cache(path, key, _read_reference, "reference")
     if reference is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_image(path)
@@ -151,14 +150,10 @@ def _read_reference(path: Path) -> tuple[str | None, Reference]:
 
 
 def expected_image_key(scene: Scene, settings: Settings) -> dict[str, Any]:
-    """Return what the expected image of a scene depends on, as the part of a key that all its references share."""
-    settings = resolve_auto(settings, scene)
-    return {
-        "scene": fingerprint(scene, expected_image=True),
-        "resolution": list(scene.camera.resolution),
-        "integrator": settings.integrator,
-        "max_depth": settings.max_depth,
-    }
+    """Return what the expected image of a scene depends on, as a part of keys."""
+    resolved = resolve_auto(settings, scene)
+    about = {"scene": fingerprint(scene, expected_image=True), "resolution": list(scene.camera.resolution)}
+    return {**about, "integrator": resolved.integrator, "max_depth": resolved.max_depth}
 
 
 @contextmanager
@@ -187,56 +182,40 @@ def render_halves(
 def cache_path(
     scene: Scene, kind: str, key: Mapping[str, Any], folder: str | os.PathLike[str] | None, suffix: str
 ) -> Path:
-    """Return the path of a file of the cache, whose content depends on `key`; `suffix` is its extension.
+    """Return the path of a file of the cache; `key` is what its content depends on, `suffix` its extension.
 
-    The hash of the key tells files apart; of the scene's name 64 letters, digits, dots and dashes at most are kept.
+    The hash of the key tells files apart. Of the scene's name 64 letters, digits, dots and dashes at most are kept.
     """
     import hashlib  # imported where used: it brings OpenSSL
 
     width, height = scene.camera.resolution
     digest = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:12]
-    name = re.sub(r"[^A-Za-z0-9._-]+", "-", scene.name).lstrip(".-")[:64]
-    return cache_folder(folder) / f"{name or 'scene'}-{width}x{height}-{kind}-{digest}{suffix}"
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", scene.name).lstrip(".-")[:64] or "scene"
+    return cache_folder(folder) / f"{name}-{width}x{height}-{kind}-{digest}{suffix}"
 
 
-def from_cache(
-    kind: str, path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[str | None, Content]]
-) -> Content | None:
-    """Return the content of a file of the cache, or None: it is not there, or an earlier version wrote it without key.
+def from_cache(path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[str | None, Any]], kind: str) -> Any:
+    """Return the content of a file of the cache, or None: it does not exist, or has no key, as of earlier versions.
 
-    Parameters
-    ----------
-    kind
-        What messages call the file.
-    read
-        Reads the key in the file, None if it has none, and the content.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged, or its key is another one.
+    `read` returns its key, None if it has none, and its content. A ValueError if the file, which messages call `kind`,
+    is damaged, or its key is not `key`.
     """
     if not path.exists():
         return None
     try:
-        text, content = read(path)
+        stored, content = read(path)
     except Exception as error:  # a damaged archive may raise anything
         raise ValueError(f"{kind} {path} is damaged ({error}); remove it, and it is rendered again") from error
-    if text is None:
-        return None
-    if differences := key_differences(text, key):
-        raise ValueError(f"{kind} {path} is of something else: {differences}. Remove it, and it is rendered again")
-    return content
+    if stored is not None:
+        check_key(f"{kind} {path}", stored, key)
+    return None if stored is None else content
 
 
-def key_differences(text: str, key: Mapping[str, Any]) -> str:
-    """Return which values of `key` are others in the JSON text of the key that a file has stored; "" if none is."""
-    try:
-        stored = dict(json.loads(text))
-    except (ValueError, TypeError):
-        return f"its key is not readable, {text[:40]!r}"
-    here = json.loads(json.dumps(key))  # lists in the place of tuples
-    return "; ".join(f"{name} is {stored.get(name)}, not {v}" for name, v in here.items() if stored.get(name) != v)
+def check_key(file: str, stored: str, key: Mapping[str, Any]) -> None:
+    """Raise a ValueError unless the key that a file has `stored`, as JSON, has all values of `key`."""
+    there, here = json.loads(stored), json.loads(json.dumps(key))
+    if differences := [f"{name} is {there.get(name)}, not {v}" for name, v in here.items() if there.get(name) != v]:
+        raise ValueError(f"{file} is of something else: {'; '.join(differences)}. Remove it, and it is rendered again")
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
@@ -248,14 +227,13 @@ def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
 def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
     """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
 
-    A FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels, or was
-    made by `make_reference` of another scene than `scene`, or with another integrator or depth than `settings`. Whether
-    other files are images of what is compared, `dmis.experiment.alarm` finds out.
+    A FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels, or its key
+    is not that of `scene` with `settings`. Whether a file without a key is an image of what is compared,
+    `dmis.experiment.alarm` finds out.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
     layers: dict[str, Array] = {}
-    attributes: dict[str, str] = {}
     if path.suffix == ".npy":
         try:  # no pickles, no memory for a wrong header
             layers["RGB"] = np.lib.format.open_memmap(path, mode="r")
@@ -263,6 +241,8 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
             raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
     else:
         layers, attributes = read_exr(path)
+        if scene is not None and KEY in attributes:
+            check_key(f"reference {path}", attributes[KEY], expected_image_key(scene, settings or Settings()))
     first = layers.get("first", layers.get("RGB"))
     second = layers.get("second", first)
     for half in (first, second):
@@ -270,10 +250,4 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
             what = "an image of three channels, or halves first and second, of finite numbers"
             raise ValueError(f"reference {path} must hold {what}")
     assert first is not None and second is not None
-    if scene is not None and KEY in attributes:
-        expected = expected_image_key(scene, settings or Settings())
-        if differences := key_differences(attributes[KEY], expected):
-            raise ValueError(
-                f"reference {path} is of another image: {differences}. Leave it out, and dmis renders a reference"
-            )
     return Reference(np.array(first), np.array(second), 0)

@@ -94,8 +94,8 @@ def sampling_hashes(sampler: str, techniques: Iterable[str]) -> dict[str, str]:
 
     A ValueError if one that is not shipped has no fingerprint, see `digest`.
     """
-    named: dict[str, Any] = {f"sampler {sampler}": SAMPLERS.get(sampler)}  # there is none called auto
-    named |= {f"technique {name}": technique_by_name(name) for name in techniques}
+    named: dict[str, Any] = {f"technique {name}": technique_by_name(name) for name in techniques}
+    named |= {f"sampler {sampler}": SAMPLERS.get(sampler)}  # there is none called auto
     return {name: digest(value, name) for name, value in named.items()}
 
 

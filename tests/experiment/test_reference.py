@@ -156,66 +156,55 @@ def test_standard_error_is_said():
     assert "not known" in dmis.Reference(first, first, 0).text()
 
 
-NAMES = ["room.v2", "..", "../up/Küche 3.5", "x" * 300]
-"""Names of scenes that are no good names of files."""
-
-
-@pytest.mark.parametrize("kind", ["reference", "oracle"])
-def test_scenes_of_any_name_have_files_of_their_own(box, tmp_path, kind):
+@pytest.mark.parametrize("make", [dmis.make_reference, make_oracle])
+@pytest.mark.parametrize("name", ["room.v2", "..", "../up/Küche 3.5", "x" * 300])
+def test_scenes_of_any_name_have_files_of_their_own(box, tmp_path, make, name):
     """Other numbers of samples and other scenes of one name are never taken for each other."""
-    make = dmis.make_reference if kind == "reference" else make_oracle
-    cache = tmp_path / "cache"
-    dim = replace(box, camera=replace(box.camera, resolution=(8, 6)), lights=box.lights[:1])
+    dim = replace(box, camera=replace(box.camera, resolution=(8, 6)), lights=box.lights[:1], name=name)
     bright = replace(dim, lights=(replace(dim.lights[0], radiance=np.full(3, 80)),))
-    for k, name in enumerate(NAMES, 1):
-        made = [make(replace(scene, name=name), spp, folder=cache) for scene in (dim, bright) for spp in (8, 12)]
-        assert [one.spp for one in made] == [8, 12, 8, 12]
-        means = [one.mean.mean() if kind == "reference" else one.variance[0].mean() ** 0.5 for one in made]
-        assert means[2] > 5 * means[0] and means[3] > 5 * means[1]
-        assert len(list(cache.iterdir())) == 4 * k and list(tmp_path.iterdir()) == [cache]
+    made = [make(scene, spp, folder=tmp_path / "cache") for scene in (dim, bright) for spp in (8, 12)]
+    assert [one.spp for one in made] == [8, 12, 8, 12]
+    means = [one.mean.mean() if make is dmis.make_reference else one.variance[0].mean() ** 0.5 for one in made]
+    assert means[2] > 5 * means[0] and means[3] > 5 * means[1]
+    assert len(list((tmp_path / "cache").iterdir())) == 4 and len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("kind", ["reference", "oracle"])
 def test_a_file_of_something_else_is_refused(box, tmp_path, kind):
     """A file of the cache says what it is of; one without, of an earlier version, is rendered again."""
     make = dmis.make_reference if kind == "reference" else make_oracle
-    made = make(box, 16, folder=tmp_path)
-    (path,) = tmp_path.iterdir()
     make(box, 8, folder=tmp_path)
-    (other,) = set(tmp_path.iterdir()) - {path}
+    (other,) = tmp_path.iterdir()
+    make(box, 16, folder=tmp_path)
+    (path,) = set(tmp_path.iterdir()) - {other}
+    before = path.read_bytes()
     path.write_bytes(other.read_bytes())
     with pytest.raises(
-        ValueError, match=rf"{kind} {path} is of something else: spp is 8, not 16. Remove it, and it is"
+        ValueError, match=rf"{kind} {path} is of something else: spp is 8, not 16\. Remove it, and it is"
     ):
         make(box, 16, folder=tmp_path)
     if kind == "reference":
         layers, attributes = dmis.read_exr(path)
         dmis.write_exr(path, layers, {"spp": attributes["spp"]})
-        np.testing.assert_array_equal(make(box, 16, folder=tmp_path).first, made.first)
     else:
         with np.load(path) as arrays:
             np.savez(path, **{name: arrays[name] for name in arrays if name != reference.KEY})
-        np.testing.assert_array_equal(make(box, 16, folder=tmp_path).variance, made.variance)
+    make(box, 16, folder=tmp_path)
+    assert path.read_bytes() == before
 
 
 def test_a_given_reference_of_another_image_is_refused(box, tmp_path):
     """Of another scene, size, integrator or depth; one that does not say what it is of is for the alarm."""
     dmis.make_reference(box, 4, folder=tmp_path, max_depth=1)
     (path,) = tmp_path.iterdir()
-    settings = dmis.Settings(max_depth=1)
-    assert reference.load_reference(path, box, settings).first.shape == (24, 32, 3)
+    assert reference.load_reference(path, box, dmis.Settings(max_depth=1)).first.shape == (24, 32, 3)
     small = replace(box, camera=replace(box.camera, resolution=(16, 12)))
-    for scene, other, difference in (
-        (replace(box, lights=box.lights[:1]), settings, r"scene is \w+, not \w+\."),
-        (small, settings, r"scene is .*; resolution is \[32, 24\], not \[16, 12\]\."),
-        (box, dmis.Settings(max_depth=1, integrator="path"), r"integrator is direct, not path\."),
-        (box, None, r"max_depth is 1, not 5\."),
+    for scene, settings, difference in (
+        (replace(box, lights=box.lights[:1]), {"max_depth": 1}, r"scene is \w+, not \w+\."),
+        (small, {"max_depth": 1}, r"scene is .*; resolution is \[32, 24\], not \[16, 12\]\."),
+        (box, {"integrator": "path"}, r"integrator is direct, not path; max_depth is 1, not 5\."),
     ):
-        with pytest.raises(ValueError, match=rf"reference {path} is of another image: {difference} Leave it out"):
-            reference.load_reference(path, scene, other)
-    layers, _ = dmis.read_exr(path)
-    dmis.write_exr(path, layers, {reference.KEY: "3"})
-    with pytest.raises(ValueError, match="its key is not readable, '3'"):
-        reference.load_reference(path, box)
-    dmis.write_exr(path, layers)
+        with pytest.raises(ValueError, match=rf"reference {path} is of something else: {difference}"):
+            reference.load_reference(path, scene, dmis.Settings(**settings))
+    dmis.write_exr(path, dmis.read_exr(path)[0])
     assert reference.load_reference(path, small).spp == 0

@@ -12,14 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import pickled, registries_kept, run_cell
+from helpers import pickled, run_cell
 
 import dmis
-from dmis.base import plugins
-from dmis.base.plugins import load_plugin
 from dmis.brdf import diffuse, microfacet
 from dmis.brdf.diffuse import Lambert
-from dmis.experiment.oracle_renders import settings_key
 from dmis.experiment.runs import Run
 from dmis.experiment.table import Results, conditions
 from dmis.fit.registry import RULES
@@ -320,56 +317,3 @@ def test_another_rule_tile_layout_or_package_is_refused(box, tmp_path, monkeypat
     monkeypatch.setattr("dmis.pipeline.job.package_hash", lambda: "0123")
     with pytest.raises(ValueError, match=r": package_hash is \w+ in the checkpoint and 0123 in this render$"):
         dmis.render(box, rule, 4, checkpoint=file)
-
-
-SAMPLING = """
-from dataclasses import replace
-import dmis
-from dmis.estimator.technique import LIGHT
-from dmis.samplers.streams import Independent
-
-class Sampler(Independent):
-    pass
-
-def sample(surface, light, u):
-    return light.sample(surface.p, u)
-
-dmis.register_sampler("mine", Sampler)
-dmis.register_technique(replace(LIGHT, name="again", rays="again", sample=sample))
-"""
-
-
-@pytest.mark.usefixtures("drawn")
-@pytest.mark.parametrize(
-    "before, after, rule, options, changed",
-    [
-        ("    pass", "    pass  # edited", "balance", {"sampler": "mine"}, "sampler mine"),
-        ("surface.p, u", "surface.p, 1 - u", "simplex:again=0.5,brdf=0.5", {}, "technique again"),
-    ],
-)
-def test_an_edited_sampler_or_technique_is_refused(box, tmp_path, before, after, rule, options, changed):
-    """By checkpoints and comparisons that the former one began; where nothing was edited both are resumed."""
-    reference, file, keys = dmis.make_reference(box, 8, folder=tmp_path), tmp_path / "my_sampling.py", []
-
-    def load(text: str) -> None:
-        file.write_text(text)
-        plugins._LOADED.clear()
-        sys.modules.pop("my_sampling", None)
-        load_plugin(file)
-        keys.append(settings_key(dmis.Settings(techniques=("again", "brdf"))))  # of oracles
-
-    def resume(seeds: int) -> None:
-        dmis.render(box, rule, 4, checkpoint=tmp_path / "c", parallel=1, **options)
-        dmis.compare(box, [rule], [4], seeds, reference, tmp_path / "runs", parallel=1, **options)
-
-    for seeds in (1, 2):
-        with registries_kept():
-            load(SAMPLING)
-            resume(seeds)
-    load(SAMPLING.replace(before, after))
-    with pytest.raises(ValueError, match=rf"{changed} is \w+ in the checkpoint and \w+ in this render$"):
-        resume(3)
-    dmis.remove_checkpoint(tmp_path / "c")
-    with pytest.raises(ValueError, match=rf"another rule .*{rule}: its options or .*, or its sampler or techniques;"):
-        resume(3)
-    assert keys[0] == keys[1] != keys[2]
