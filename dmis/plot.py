@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
 from dmis.image import tonemap
 
@@ -98,7 +99,8 @@ def save(figure: Figure, path: str | os.PathLike[str], title: str, caption: str)
     figure.text(0.01, -0.01, lines, ha="left", va="top", fontsize=9.5, parse_math=False)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     metadata = {"Title": title, "Description": caption, "Software": "dmis"}
-    figure.savefig(path, dpi=100, bbox_inches="tight", metadata=metadata)
+    with replacing(path) as partial:
+        figure.savefig(partial, format="png", dpi=100, bbox_inches="tight", metadata=metadata)
 
 
 def show(stem: str, folder: str | os.PathLike[str] = "figures/tutorials") -> list[Path]:

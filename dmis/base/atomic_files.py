@@ -94,19 +94,33 @@ def partial_path(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replacing(path: str | os.PathLike[str], called: str = "") -> Iterator[Path]:
     """Yield a path beside `path` to write to, and at the end replace `path` by it in one step.
 
-    An error or an interruption leaves the earlier file as it was. Pipes and devices are written in place.
+    An error or an interruption leaves the earlier file as it was. Pipes and devices are written in place. An OSError
+    names what is written, `path` or what it is `called`, see `naming`.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        yield path
+        with naming(called or path):
+            yield path
         return
     partial = partial_path(path)
     try:
-        yield partial
-        os.replace(partial, path.resolve())  # a symbolic link stays, and its target is replaced
+        with naming(called or path):
+            yield partial
+            os.replace(partial, path.resolve())  # a symbolic link stays, and its target is replaced
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name the file that is written in errors of the system, such as that of a full disk; their type stays."""
+    try:
+        yield
+    except OSError as error:
+        if error.strerror is None:  # it has a message of its own
+            raise
+        raise type(error)(f"cannot write {path}: {error.strerror}") from error

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.atomic_files import check_writable, partial_path, replacing
+from dmis.base.atomic_files import check_writable, naming, partial_path, replacing
 from dmis.pipeline.film import FilmTile
 
 KEY = "dmis-checkpoint-5.json"
@@ -73,20 +73,17 @@ class Store:
         about_text = np.array(json.dumps({**about, "sums": list(tile.sums)}))
         archive = io.BytesIO()
         np.savez(archive, about=about_text, mean=tile.mean, root=tile.root, **tile.sums)  # type: ignore[arg-type]
-        try:
-            with replacing(self._folder / f"{tile.pass_}-{tile.number}.npz") as partial:
-                partial.write_bytes(archive.getbuffer())
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise type(error)(f"cannot write checkpoint {self._folder}: {error.strerror}") from error
+        path = self._folder / f"{tile.pass_}-{tile.number}.npz"
+        with suppress(FileNotFoundError), replacing(path, f"checkpoint {self._folder}") as partial:
+            partial.write_bytes(archive.getbuffer())
 
     def _create(self) -> None:
         """Make the folder with its key in one step, unless there is something at its path."""
         partial = partial_path(self._folder)
         try:
-            partial.mkdir()
-            (partial / KEY).write_text(json.dumps(self._key), "utf-8")
+            with naming(f"checkpoint {self._folder}"):
+                partial.mkdir()
+                (partial / KEY).write_text(json.dumps(self._key), "utf-8")
             with suppress(OSError):  # a file, or a folder that is not empty: `_stored_key` looks into it
                 partial.rename(self._folder)
         finally:
