@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterable, Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.convergence import MEASURES, gains
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list
+from dmis.experiment.runs import PINNED, fallbacks, measure, render_budget, seed_list
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
@@ -81,7 +82,7 @@ def compare(
     ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` (with matplotlib) follow. Two
     baselines are always measured: the balance heuristic with these settings, and the pinned one
     (`dmis.experiment.runs.PINNED`). A rule whose pilot does not fit into a number of samples is left out there. Rows
-    that are in ``results.csv`` are not rendered again.
+    that are in ``results.csv`` are not rendered again, unless their image is missing, damaged or another one.
 
     Parameters
     ----------
@@ -101,8 +102,7 @@ def compare(
     Raises
     ------
     ValueError
-        If an argument is not of this form, the reference is of another size, ``results.csv`` was measured under other
-        conditions, or OpenEXR is missing.
+        If arguments do not fit, rows of ``results.csv`` are damaged or of other conditions, or OpenEXR is missing.
     OSError
         If a file of `folder` cannot be written.
     """
@@ -110,7 +110,7 @@ def compare(
     settings, folder = make_settings(**options), Path(folder)
     rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, oracle, settings)
     check_output(folder)
-    results = Results(folder, conditions(scene, reference, parallel, settings, crop), rules)
+    results = Results(folder, conditions(scene, reference, parallel, settings, crop), rules, reference)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if make_rule(rule).pilot_samples(n) < n]
     measure(
@@ -120,7 +120,8 @@ def compare(
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
+    pictures = results.layers(runs, reference, partial(render_budget, scene, parallel=parallel, settings=settings))
+    comparison = Comparison(results.about, runs, pictures, reference, oracle)
     _draw(comparison, folder)
     return comparison
 

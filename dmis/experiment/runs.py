@@ -157,13 +157,9 @@ def _timed_run(
 ) -> tuple[Run, Result]:
     """Render a budget with the `options` of `measure`; return its time and error, and the result."""
     rule, spp = budget
-    settings = make_settings(**options)
-    if rule == PINNED:
-        settings = make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
     scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
     begin = time.process_time()
-    name = "balance" if rule == PINNED else rule
-    result = render(scene, name, spp, seed=seed, parallel=parallel, settings=settings)
+    result = render_budget(scene, budget, seed, parallel, **options)
     cpu_seconds = time.process_time() - begin
     pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
     area = crop_area(crop, scene.camera.resolution)
@@ -175,6 +171,16 @@ def _timed_run(
         cpu_seconds, mean_z,
     )  # fmt: skip
     return run, result
+
+
+def render_budget(scene: Scene, budget: Budget, seed: int, parallel: Parallel = None, **options: Any) -> Result:
+    """Render a budget with the `options` of `measure`, but for ``crop``."""
+    rule, spp = budget
+    settings = make_settings(**options)
+    if rule == PINNED:
+        rule = "balance"
+        settings = make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
+    return render(scene, rule, spp, seed=seed, parallel=parallel, settings=settings)
 
 
 def median_seconds(runs: Sequence[Run]) -> float:

@@ -10,9 +10,11 @@ import csv
 import hashlib
 import io
 import json
+import math
 import re
+import warnings
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -20,11 +22,11 @@ from typing import Any
 import numpy as np
 
 from dmis import __version__
-from dmis.base.atomic_files import replacing
+from dmis.base.atomic_files import naming, replacing
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.experiment import alarm
-from dmis.experiment.metrics import share_of_few, squared_error
+from dmis.experiment.metrics import mse, relmse, share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area
 from dmis.experiment.runs import PINNED, Budget, Run
@@ -96,11 +98,18 @@ class Results:
     """Table ``results.csv`` in `folder`, which is created if it does not exist.
 
     A ValueError if the folder has rows that were measured under other conditions than `about` (see `conditions`), rows
-    of one of the `rules` to measure that has changed since, or rows that cannot be read.
+    of one of the `rules` to measure that has changed since, or rows that cannot be read or be right.
     """
 
-    def __init__(self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = (), reference: Reference | None = None
+    ) -> None:
         self.folder, self._path = folder, folder / "results.csv"
+        self._area = crop_area(about.get("crop"), about["resolution"])
+        self._least = dict.fromkeys(("mse", "relmse", "mean_z"), -math.inf)
+        if reference is not None:  # (x - r1)(x - r2) is least where x is the mean of both
+            window = reference.cropped(self._area)
+            self._least |= {"mse": mse(window.mean, window), "relmse": relmse(window.mean, window)}
         self.about = {**about, "rules": {rule: _rule_hash(rule, about) for rule in rules}}
         folder.mkdir(parents=True, exist_ok=True)
         self.runs = self._read() if self._path.exists() else []
@@ -120,7 +129,7 @@ class Results:
             self.image(budget).parent.mkdir(exist_ok=True)
             write_image(self.image(budget), result)
         self.runs.append(run)
-        with open(self._path, "a", newline="", encoding="utf-8") as file:
+        with naming(self._path), open(self._path, "a", newline="", encoding="utf-8") as file:
             file.write(self._row(run))
 
     def image(self, budget: Budget) -> Path:
@@ -131,9 +140,29 @@ class Results:
             name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
         return self.folder / "images" / f"{name}-{spp}spp.exr"
 
-    def layers(self, budgets: Iterable[Budget]) -> dict[Budget, dict[str, Array]]:
-        """Return the images of `budgets` that exist, with their layers RGB, weight, variance, samples."""
-        return {budget: read_exr(self.image(budget))[0] for budget in budgets if self.image(budget).exists()}
+    def layers(
+        self, budgets: Iterable[Budget], reference: Reference, again: Callable[[Budget, int], Result]
+    ) -> dict[Budget, dict[str, Array]]:
+        """Return the images of `budgets`, with their layers RGB, weight, variance, samples and so on.
+
+        One that cannot be read, or whose error is in no row, is rendered `again` with a seed; a UserWarning says so.
+        """
+        images = {}
+        for budget in budgets:
+            path, rows = self.image(budget), [run for run in self.runs if (run.rule, run.spp) == budget]
+            try:
+                layers = images[budget] = read_exr(path)[0]
+                if missing := {"RGB", "weight", "light_samples", "brdf_samples"} - set(layers):
+                    raise ValueError(f"it has no layer {', '.join(sorted(missing))}")
+                error = mse(layers["RGB"][self._area], reference.cropped(self._area))
+                if not any(math.isclose(error, run.mse, rel_tol=1e-5) for run in rows):
+                    raise ValueError(f"its mean squared error is {error:.6g}, that of no row of its rule and samples")
+            except (OSError, ValueError) as reason:
+                warnings.warn(f"{path} is rendered again: {reason}", stacklevel=3)
+                path.parent.mkdir(exist_ok=True)
+                write_image(path, again(budget, rows[0].seed))
+                images[budget] = read_exr(path)[0]
+        return images
 
     def _row(self, run: Run) -> str:
         """Return the line of ``results.csv`` of a run."""
@@ -150,7 +179,7 @@ class Results:
                 if line == 1 and tuple(row) != COLUMNS:
                     raise ValueError(f"its columns must be {','.join(COLUMNS)}")
                 if line > 1 and text.count("\n") >= line:  # the last line may be cut
-                    runs.append(_run(row))
+                    runs.append(_run(row, self._least))
         except (ValueError, csv.Error) as error:
             raise self._refuse(f"cannot be read in line {line} ({error})") from error
         pinned, balance = ({(r.spp, r.seed) for r in runs if r.rule == rule} for rule in (PINNED, "balance"))
@@ -193,12 +222,18 @@ def _line(cells: Iterable[str]) -> str:
     return text.getvalue()
 
 
-def _run(row: list[str]) -> Run:
-    """Return the run of a row of ``results.csv``."""
+def _run(row: list[str], least: Mapping[str, float]) -> Run:
+    """Return the run of a row of ``results.csv``; `least` has the least values of columns that may be negative."""
     if len(row) != len(COLUMNS):
         raise ValueError(f"{len(row)} values for {len(COLUMNS)} columns")
     value, parse = dict(zip(COLUMNS, row)), {"str": str, "int": int, "float": float}
-    return Run(**{field.name: parse[str(field.type)](value[field.name]) for field in fields(Run)})
+    run = Run(**{field.name: parse[str(field.type)](value[field.name]) for field in fields(Run)})
+    for name, number in asdict(run).items():
+        low = least.get(name, 0)
+        is_unknown = name == "rule" or (name in ("mse_error", "cpu_seconds", "mean_z") and math.isnan(number))
+        if not is_unknown and not (math.isfinite(number) and number >= low - 1e-4 * abs(low)):
+            raise ValueError(f"{name} must be finite and at least {low:.4g}; got {number}")
+    return run
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,11 @@
 """What a comparison keeps: nothing is rendered twice, nothing of another kind is added to, nothing torn is believed."""
 
 import csv
+import re
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dmis
@@ -192,6 +195,25 @@ def test_tables_of_another_kind_are_refused(box, reference, tmp_path, data, mess
     assert f"{path} cannot be read in {message}" in str(error.value) and path.read_bytes() == data
 
 
+@pytest.mark.parametrize(
+    "column, value",
+    [("mse", "nan"), ("mse", "1e999"), ("mse", "-1"), ("relmse", "-1"), ("relmse", "nan"), ("render_seconds", "-1")]
+    + [("cpu_seconds", "inf"), ("mean_z", "-inf"), ("mse_error", "-1e-9"), ("rays", "-1")],
+)
+def test_rows_with_impossible_numbers_are_refused(box, reference, tmp_path, rendered, column, value):
+    """By line and column. An error may be below 0, as there are two halves, but not below that of their mean."""
+    compare(box, ["balance"], [8], [0], reference, tmp_path, parallel=1)
+    path, (pinned, row) = tmp_path / "results.csv", rows(tmp_path)
+    for cells, expected in (
+        ({column: value}, pytest.raises(ValueError, match=rf"in line 3 \({column} must be finite and at least")),
+        ({column: "0", "mse": dmis.mse(reference.mean, reference)}, pytest.warns(match="its mean squared error is")),
+    ):
+        lines = (COLUMNS, pinned.values(), {**row, **cells}.values())
+        path.write_text("".join(f"{','.join(map(str, line))}\n" for line in lines))
+        with expected:
+            compare(box, ["balance"], [8], [0], reference, tmp_path, parallel=1)
+
+
 @pytest.mark.parametrize("text", [None, "no json", "[1]"])
 def test_a_table_without_its_conditions_is_refused(box, reference, tmp_path, text):
     """Its rows may be of another scene."""
@@ -211,3 +233,47 @@ def test_pictures_have_names_of_their_own(box, reference, tmp_path):
     names = [results.image((rule, 16)).name for rule in rules]
     assert len(set(names)) == len(rules) and max(map(len, names)) < 160
     assert names[2] == "thesis-16spp.exr" and names[1] == "second-moment-guard=1e-3-16spp.exr"
+
+
+def test_missing_damaged_and_foreign_images_are_rendered_again(box, reference, tmp_path, rendered, recwarn):
+    """With a warning, and without a new row; the bits are those of before."""
+    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
+    folder, table = tmp_path / "images", (tmp_path / "results.csv").read_bytes()
+    first, second, pinned = (folder / f"{name}-8spp.exr" for name in ("balance", "thesis-patch=4", "pinned"))
+    before = {path: dmis.read_exr(path) for path in (first, second, pinned)}
+    cut = pinned.read_bytes()[:-100]
+    for damage, path, rule in (
+        (pinned.unlink, pinned, PINNED),
+        (lambda: pinned.write_bytes(cut), pinned, PINNED),
+        (lambda: second.write_bytes(first.read_bytes()), second, "thesis:patch=4"),
+        (lambda: dmis.write_exr(first, {"RGB": before[first][0]["RGB"]}), first, "balance"),
+        (lambda: dmis.write_image(first, dmis.render(box, "balance", 8, sampler="independent")), first, "balance"),
+        (lambda: dmis.write_image(first, np.ones((3, 4, 3))), first, "balance"),
+    ):
+        damage()
+        rendered.clear()
+        with pytest.warns(UserWarning, match=rf"{re.escape(str(path))} is rendered again: ."):
+            again = compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
+        assert rendered == [(rule, 8, 0)] and (tmp_path / "results.csv").read_bytes() == table
+        for name, layer in dmis.read_exr(path)[0].items():
+            np.testing.assert_array_equal(layer, before[path][0][name])
+            np.testing.assert_array_equal(layer, again.pictures[rule, 8][name])
+    rendered.clear()
+    recwarn.clear()
+    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
+    assert rendered == [] and not len(recwarn)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
+@pytest.mark.usefixtures("without_plots")
+@pytest.mark.parametrize("name", ["results.csv", "comparison.json", "report.html"])
+def test_a_full_disk_names_the_file(box, reference, tmp_path, name):
+    """Whichever file of the folder it is that does not fit."""
+    run = dmis.experiment.runs.Run(PINNED, 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0)
+    write = partial(compare, box, ["balance"], [8], [0], reference, tmp_path, parallel=1)
+    if name == "results.csv":
+        write = partial(Results(tmp_path, conditions(box, reference, 1)).append, run)
+        (tmp_path / name).unlink()
+    (tmp_path / name).symlink_to("/dev/full")
+    with pytest.raises(OSError, match=rf"cannot write {tmp_path / name}: No space left on device"):
+        write()
