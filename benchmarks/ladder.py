@@ -31,7 +31,8 @@ from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.oracle_renders import make_oracle, oracle_path, read_curves
+from dmis.experiment.oracle_renders import make_oracle, oracle_key, read_curves
+from dmis.experiment.reference import cache_path
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID_SHARES, HALF, share_variance
@@ -89,7 +90,8 @@ class HalvedOracle(Oracle):
 def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, **options: Any) -> HalvedOracle:
     """Return the oracle of a scene with its halves; arguments are those of `make_oracle`."""
     oracle = make_oracle(scene, spp, settings=settings, **options)
-    _, (rays, parts) = read_curves(oracle_path(scene, spp, oracle.patch, settings, options.get("folder")))
+    key = oracle_key(scene, spp, oracle.patch, settings)
+    _, (rays, parts) = read_curves(cache_path(scene, "oracle", key, options.get("folder"), ".npz"))
     pixels = patch_sum(np.ones(scene.camera.resolution[::-1]), oracle.patch)
     zero = np.broadcast_to(0.0, parts["curve"].shape[1:])
     halves = [PatchCurves(gain_square=zero, pixels=pixels, **{n: a[k] for n, a in parts.items()}) for k in (0, 1)]

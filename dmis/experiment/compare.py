@@ -16,7 +16,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.convergence import MEASURES, gains
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import PINNED, fallbacks, measure, render_budget, seed_list
+from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list, timed_run
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
@@ -120,8 +120,8 @@ def compare(
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    pictures = results.layers(runs, reference, partial(render_budget, scene, parallel=parallel, settings=settings))
-    comparison = Comparison(results.about, runs, pictures, reference, oracle)
+    again = partial(timed_run, scene, reference=reference, parallel=parallel, settings=settings)
+    comparison = Comparison(results.about, runs, results.layers(runs, reference, again), reference, oracle)
     _draw(comparison, folder)
     return comparison
 

@@ -43,8 +43,6 @@ LAYOUT = 3
 """Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
 _CURVE_PARTS = ("curve", "pattern", "position")
 """Parts of the variance curves that an oracle's file has, see `dmis.variance.curves.Curves.sums`."""
-_KINDS = {"samples": "oracle", "heuristic": "tilt-oracle"}
-"""Names of the files of oracles, by what w is."""
 EPSILON = 0.01
 """Bound of the denominator of relative errors, as of `dmis.experiment.metrics.relmse`."""
 _SPP = 256
@@ -83,7 +81,7 @@ def make_oracle(
     settings = make_settings(settings, **options)
     check_weigh(weigh, settings.combiner)
     key = oracle_key(scene, spp, patch, settings, weigh)
-    path = cache_path(scene, _KINDS[weigh], key, folder, ".npz")
+    path = cache_path(scene, "oracle", key, folder, ".npz")
     if not scene.plan.mixable:
         raise ValueError(f"an oracle needs a light of two techniques, but scene {scene.name!r} has nothing to mix")
     curves = from_cache(path, key, read_curves, "oracle")
@@ -151,20 +149,13 @@ def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
 def settings_key(settings: Settings) -> dict[str, Any]:
     """Return the settings that variance curves depend on, by name, as a part of the key of a cached file."""
     values = {name: v for name, v in asdict(settings).items() if name not in ("sampler", "reuse_pilot", "preset")}
-    return {**values, **sampling_hashes("independent", settings.techniques)}
+    return {**values, **sampling_hashes(values)}
 
 
 def oracle_key(scene: Scene, spp: int, patch: int, settings: Settings | None, weigh: str = "samples") -> dict[str, Any]:
     """Return what the curves of an oracle depend on; arguments are those of `make_oracle`."""
     about = {"dmis": __version__, "layout": LAYOUT, "scene": fingerprint(scene), "spp": spp, "patch": patch}
     return {**about, "weigh": weigh, **settings_key(curve_settings(scene, settings))}
-
-
-def oracle_path(
-    scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None
-) -> Path:
-    """Return the path of an oracle of shares in the cache; arguments are those of `make_oracle`."""
-    return cache_path(scene, _KINDS["samples"], oracle_key(scene, spp, patch, settings), folder, ".npz")
 
 
 def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any) -> tuple[Array, Array]:

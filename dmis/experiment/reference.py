@@ -182,9 +182,16 @@ def render_halves(
 def cache_path(
     scene: Scene, kind: str, key: Mapping[str, Any], folder: str | os.PathLike[str] | None, suffix: str
 ) -> Path:
-    """Return the path of a file of the cache; `key` is what its content depends on, `suffix` its extension.
+    """Return the path of a file of the cache. Of the scene's name at most 64 letters, digits, dots and dashes are kept.
 
-    The hash of the key tells files apart. Of the scene's name 64 letters, digits, dots and dashes at most are kept.
+    Parameters
+    ----------
+    kind
+        Part of the name that says what the file is, for people.
+    key
+        All that the content depends on, as JSON data; its hash tells files apart.
+    folder, suffix
+        See `cache_folder`; the extension, with its dot.
     """
     import hashlib  # imported where used: it brings OpenSSL
 
@@ -197,8 +204,17 @@ def cache_path(
 def from_cache(path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[str | None, Any]], kind: str) -> Any:
     """Return the content of a file of the cache, or None: it does not exist, or has no key, as of earlier versions.
 
-    `read` returns its key, None if it has none, and its content. A ValueError if the file, which messages call `kind`,
-    is damaged, or its key is not `key`.
+    Parameters
+    ----------
+    read
+        Returns the key in the file, None if there is none, and the content.
+    kind
+        What messages call the file.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, or is of something else: its key is not `key`.
     """
     if not path.exists():
         return None

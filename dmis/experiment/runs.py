@@ -127,7 +127,7 @@ def measure(
         for n, (seed, (rule, spp)) in enumerate(turns, 1):
             run = finished.get((rule, spp, seed))
             if run is None:
-                run, result = _timed_run(scene, (rule, spp), seed, reference, **options)
+                run, result = timed_run(scene, (rule, spp), seed, reference, **options)
                 if record:
                     record(run, result)
             if rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
@@ -146,7 +146,7 @@ def seed_list(seeds: int | Iterable[int]) -> list[int]:
     return [whole("a seed", seed, 0) for seed in seeds]
 
 
-def _timed_run(
+def timed_run(
     scene: Scene,
     budget: Budget,
     seed: int,
@@ -157,9 +157,13 @@ def _timed_run(
 ) -> tuple[Run, Result]:
     """Render a budget with the `options` of `measure`; return its time and error, and the result."""
     rule, spp = budget
+    settings = make_settings(**options)
+    if rule == PINNED:
+        settings = make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
     scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
     begin = time.process_time()
-    result = render_budget(scene, budget, seed, parallel, **options)
+    name = "balance" if rule == PINNED else rule
+    result = render(scene, name, spp, seed=seed, parallel=parallel, settings=settings)
     cpu_seconds = time.process_time() - begin
     pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
     area = crop_area(crop, scene.camera.resolution)
@@ -171,16 +175,6 @@ def _timed_run(
         cpu_seconds, mean_z,
     )  # fmt: skip
     return run, result
-
-
-def render_budget(scene: Scene, budget: Budget, seed: int, parallel: Parallel = None, **options: Any) -> Result:
-    """Render a budget with the `options` of `measure`, but for ``crop``."""
-    rule, spp = budget
-    settings = make_settings(**options)
-    if rule == PINNED:
-        rule = "balance"
-        settings = make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
-    return render(scene, rule, spp, seed=seed, parallel=parallel, settings=settings)
 
 
 def median_seconds(runs: Sequence[Run]) -> float:

@@ -141,7 +141,7 @@ class Results:
         return self.folder / "images" / f"{name}-{spp}spp.exr"
 
     def layers(
-        self, budgets: Iterable[Budget], reference: Reference, again: Callable[[Budget, int], Result]
+        self, budgets: Iterable[Budget], reference: Reference, again: Callable[..., tuple[Run, Result]]
     ) -> dict[Budget, dict[str, Array]]:
         """Return the images of `budgets`, with their layers RGB, weight, variance, samples and so on.
 
@@ -160,7 +160,7 @@ class Results:
             except (OSError, ValueError) as reason:
                 warnings.warn(f"{path} is rendered again: {reason}", stacklevel=3)
                 path.parent.mkdir(exist_ok=True)
-                write_image(path, again(budget, rows[0].seed))
+                write_image(path, again(budget=budget, seed=rows[0].seed)[1])
                 images[budget] = read_exr(path)[0]
         return images
 
@@ -211,8 +211,7 @@ class Results:
 def _rule_hash(text: str, about: Mapping[str, Any]) -> str:
     """Return a hash of a rule's options, and of code that dmis does not ship: its class, sampler and techniques."""
     rule = make_rule(text)
-    settings = {**about, **rule.settings}
-    return digest([rule, sampling_hashes(settings["sampler"], settings["techniques"])], f"rule {text}")
+    return digest([rule, sampling_hashes({**about, **rule.settings})], f"rule {text}")
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -13,7 +13,7 @@ import inspect
 import linecache
 import re
 import sys
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Mapping, Set
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType
@@ -89,13 +89,14 @@ def digest(value: Any, name: str = "value") -> str:
         raise ValueError(f"{name} must not contain itself, because it is walked to the end") from None
 
 
-def sampling_hashes(sampler: str, techniques: Iterable[str]) -> dict[str, str]:
-    """Return hashes of the sampler and the techniques of these names, by kind and name.
+def sampling_hashes(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return hashes of the sampler, if there is one, and the techniques that fields of `Settings` name.
 
     A ValueError if one that is not shipped has no fingerprint, see `digest`.
     """
-    named: dict[str, Any] = {f"technique {name}": technique_by_name(name) for name in techniques}
-    named |= {f"sampler {sampler}": SAMPLERS.get(sampler)}  # there is none called auto
+    named: dict[str, Any] = {f"technique {name}": technique_by_name(name) for name in settings["techniques"]}
+    if (sampler := settings.get("sampler", "auto")) != "auto":
+        named[f"sampler {sampler}"] = SAMPLERS[sampler]
     return {name: digest(value, name) for name, value in named.items()}
 
 

@@ -113,7 +113,7 @@ class Job:
         A ValueError if the scene or one of these has no fingerprint.
         """
         hashes = {"scene_hash": fingerprint(self.given_scene), "rule_hash": digest(self.rule, "rule")}
-        hashes |= sampling_hashes(self.settings.sampler, self.settings.techniques)
+        hashes |= sampling_hashes(vars(self.settings))
         return {**self.provenance, **hashes, "tiles": layout(self.settings), "package_hash": package_hash()}
 
 

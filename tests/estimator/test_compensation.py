@@ -11,7 +11,7 @@ from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.experiment.oracle_renders import oracle_path
+from dmis.experiment.oracle_renders import oracle_key
 from dmis.fit.fixed import Fixed
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
@@ -184,16 +184,16 @@ def test_a_checkpoint_and_a_table_are_not(tmp_path: Any) -> None:
         dmis.render(half, "balance", 4, checkpoint=tmp_path / "c")
 
 
-def test_oracles_differ_under_a_sky_only(box: dmis.Scene, tmp_path: Any) -> None:
+def test_oracles_differ_under_a_sky_only(box: dmis.Scene) -> None:
     """Their curves V(w) depend on the samples' density; that of None is that of rules that learn."""
 
-    def paths(scene: dmis.Scene) -> list[str]:
+    def keys(scene: dmis.Scene) -> list[dict[str, Any]]:
         shares = (None, 0.0, LEARNED_COMPENSATION)
-        return [oracle_path(scene, 64, 4, dmis.Settings(compensation=share), tmp_path).name for share in shares]
+        return [oracle_key(scene, 64, 4, dmis.Settings(compensation=share)) for share in shares]
 
-    learned, off, same = paths(sky_scene())
+    learned, off, same = keys(sky_scene())
     assert learned == same != off
-    assert len(set(paths(box))) == 1 and oracle_path(box, 64, 4, None, tmp_path).name in paths(box)
+    assert keys(box) == 3 * [oracle_key(box, 64, 4, None)]
 
 
 def test_a_sky_in_other_units_is_compensated() -> None:
