@@ -16,7 +16,7 @@ import count_lines  # noqa: E402
 
 LINES = {"dmis": 27_120, "tests": 27_750}
 """Lines of Python files."""
-WORDS = 43_250
+WORDS = 43_500
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""

@@ -162,7 +162,7 @@ def _time_and_rays(result: Result) -> list[str]:
 def _stats(options: argparse.Namespace, result: Result) -> dict[str, object]:
     """Return the content of the ``--stats`` file, see docs/cli.md."""
     samples, threads = result.rays.get("camera", 0), options.threads or options.workers or os.cpu_count() or 1
-    seconds = dict(result.seconds)
+    seconds = {stage: time for stage, time in result.seconds.items() if stage != "workers"}
     return {
         "embree_seconds": seconds.pop("embree") / threads,
         "seconds": seconds["total"],

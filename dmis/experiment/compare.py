@@ -16,7 +16,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.convergence import MEASURES, gains
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list, timed_run
+from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list, timed_render
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
@@ -117,10 +117,10 @@ def compare(
         scene, [*pinned, *budgets], seeds, reference, done=tuple(results.runs), record=results.append,
         progress=progress, crop=crop, parallel=parallel, settings=settings,
     )  # fmt: skip
-    rows = run_by_key(Results(folder, results.about).runs)
+    rows = run_by_key([*results.runs, *Results(folder, results.about).runs])  # the latter's digits, if it has the row
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    again = partial(timed_run, scene, reference=reference, parallel=parallel, settings=settings)
+    again = partial(timed_render, settings, parallel, scene)
     comparison = Comparison(results.about, runs, results.layers(runs, reference, again), reference, oracle)
     _draw(comparison, folder)
     return comparison

@@ -1,30 +1,35 @@
 """Runs of several rules on one scene, over several seeds, with their errors against one reference.
 
 Rules take turns seed by seed, so that a slower machine slows all of them. Pilot and fit are part of a
-rule's budget and of its time.
+rule's budget and of its time; imports and tables are not, since a few pixels are rendered before its first turn.
+Processes and clusters get whole renders where tiles are few, see `TILES_PER_WORKER`.
 """
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from dmis.base.validate import whole
-from dmis.estimator.settings import make_settings
+from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
 from dmis.experiment.reference import Reference, crop_area
-from dmis.fit.registry import make_rule
-from dmis.pipeline.executor import Parallel
+from dmis.fit.registry import SHIPPED, make_rule
+from dmis.pipeline.executor import Parallel, Workers, worker_processes
+from dmis.pipeline.job import resolve
 from dmis.pipeline.progress import Progress, reporting
-from dmis.pipeline.render import render
+from dmis.pipeline.render import render, render_job
 from dmis.pipeline.result import Result
+from dmis.pipeline.tile import batch_size, tile_areas
 from dmis.scene.scene import Scene
 
 Budget = tuple[str, int]
@@ -35,6 +40,10 @@ PINNED = "pinned"
 That is one light and one BRDF sample, independent points and the balance heuristic, whatever the settings of the other
 rules; their integrator and depth are its own, too.
 """
+Turn = tuple[str, int, int]
+"""Rule and samples per pixel of a budget, and seed."""
+TILES_PER_WORKER = 10
+"""Tiles of an image per worker process below which the process renders whole images: with few, most wait."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +57,10 @@ class Run:
     pilot_seconds, fit_seconds, render_seconds
         Wall times of the three stages.
     mse, mse_error
-        Mean squared error over pixels and channels, and its standard error, see
-        `dmis.experiment.metrics.mean_over_blocks`.
+        Mean squared error over pixels and channels, and its standard error as estimated from this image, which is too
+        small where rare samples matter, see `dmis.experiment.metrics.mean_over_blocks`.
     cpu_seconds
-        CPU seconds of all threads of this process, from the call of `render` to its return.
+        CPU seconds of all threads and processes, from the call of `render` to its return.
     mean_z
         Mean of the image less that of the reference, in standard errors, see `dmis.experiment.alarm.mean_z`.
     """
@@ -107,8 +116,7 @@ def measure(
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
     options
         ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
-        `dmis.pipeline.render.render`. ``crop``: window of the errors (`dmis.experiment.reference.crop_area`). CPU
-        seconds are those of this process, and not of others that ``parallel`` names.
+        `dmis.pipeline.render.render`. ``crop``: window of the errors (`dmis.experiment.reference.crop_area`).
 
     Returns
     -------
@@ -120,22 +128,24 @@ def measure(
         Once for each rule whose image has another mean than the reference, see `dmis.experiment.alarm`.
     """
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
-    turns = list(product(seed_list(seeds), runs))
+    turns = [(rule, spp, seed) for seed, (rule, spp) in product(seed_list(seeds), runs)]
     finished = {(run.rule, run.spp, run.seed): run for run in done}
+    missing, crop = [turn for turn in turns if turn not in finished], options.pop("crop", None)
     alarmed: set[str] = set()
-    with reporting(progress, "renders") as report:
-        for n, (seed, (rule, spp)) in enumerate(turns, 1):
-            run = finished.get((rule, spp, seed))
+    with reporting(progress, "renders") as report, closing(_renders(scene, missing, **options)) as renders:
+        for n, turn in enumerate(turns, 1):
+            run = finished.get(turn)
             if run is None:
-                run, result = timed_run(scene, (rule, spp), seed, reference, **options)
+                result, cpu_seconds = next(renders)
+                run = _run(turn, result, cpu_seconds, reference, crop)
                 if record:
                     record(run, result)
-            if rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
-                alarmed.add(rule)
+            if run.rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
+                alarmed.add(run.rule)
                 warnings.warn(alarm.ReferenceWarning(alarm.summary([run])), stacklevel=2)
-            runs[rule, spp].append(run)
+            runs[run.rule, run.spp].append(run)
             if report:
-                report(rule, n, len(turns))
+                report(run.rule, n, len(turns))
     return runs
 
 
@@ -146,35 +156,84 @@ def seed_list(seeds: int | Iterable[int]) -> list[int]:
     return [whole("a seed", seed, 0) for seed in seeds]
 
 
-def timed_run(
-    scene: Scene,
-    budget: Budget,
-    seed: int,
-    reference: Reference,
-    crop: Sequence[int] | None = None,
-    parallel: Parallel = None,
-    **options: Any,
-) -> tuple[Run, Result]:
-    """Render a budget with the `options` of `measure`; return its time and error, and the result."""
-    rule, spp = budget
-    settings = make_settings(**options)
-    if rule == PINNED:
-        settings = make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
-    scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
-    begin = time.process_time()
-    name = "balance" if rule == PINNED else rule
-    result = render(scene, name, spp, seed=seed, parallel=parallel, settings=settings)
-    cpu_seconds = time.process_time() - begin
+def _renders(
+    scene: Scene, turns: Sequence[Turn], parallel: Parallel = None, **options: Any
+) -> Generator[tuple[Result, float], None, None]:
+    """Yield the result of each turn, in their order, and its CPU seconds.
+
+    Workers have no rules but those that are shipped, so that whole renders with others are not theirs.
+    """
+    settings, processes = make_settings(**options), worker_processes(parallel)
+    scene.in_float32[0].prepare()  # now, so that it is not part of the CPU seconds of the first run
+    most = max((spp for _, spp, _ in turns), default=1)
+    tiles = tile_areas(scene.camera.resolution, most, False, batch_size(resolve_auto(settings, scene)))
+    known = all(rule == PINNED or rule.partition(":")[0] in SHIPPED for rule, _, _ in turns)  # at workers, too
+    if known and len(tiles) < TILES_PER_WORKER * processes:
+        results: dict[Turn, tuple[Result, float]] = {}
+        timed = partial(timed_render, settings, 1)
+        with closing(Workers(scene, parallel)) as workers, closing(workers.calls(timed, turns)) as renders:
+            for turn in turns:
+                while turn not in results:
+                    other, results[other] = next(renders)
+                yield results.pop(turn)
+        return
+    if known and processes:
+        with closing(Workers(scene.in_float32[0], parallel)) as workers:
+            list(workers.calls(partial(_warm_up, settings), [turns] * processes))
+    for turn in turns:
+        yield timed_render(settings, parallel, scene, turn)
+
+
+def timed_render(settings: Settings, parallel: Parallel, scene: Scene, turn: Turn) -> tuple[Result, float]:
+    """Return the result of a turn, and its CPU seconds of all threads and processes.
+
+    Where all is rendered in this thread, others, which may render other turns, do not count.
+    """
+    _warm_up(settings, scene, [turn])
+    name, settings = _rule_and_settings(turn, settings)
+    clock = time.thread_time if parallel == 1 else time.process_time
+    begin = clock()
+    result = render(scene, name, turn[1], seed=turn[2], parallel=parallel, settings=settings)
+    return result, clock() - begin + result.seconds["workers"]
+
+
+def _warm_up(settings: Settings, scene: Scene, turns: Sequence[Turn]) -> None:
+    """Render 8x8 pixels once for each budget, so that imports and tables are not part of its first time."""
+    small, done = _small_scene(scene)
+    for turn in turns:
+        rule, of_rule = _rule_and_settings(turn, settings)
+        if (rule, turn[1], of_rule) not in done:
+            done.add((rule, turn[1], of_rule))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # which the render will give
+                render_job(resolve(small, rule, turn[1], 0, of_rule), 1)
+
+
+@lru_cache(maxsize=1)
+def _small_scene(scene: Scene) -> tuple[Scene, set[tuple[str, int, Settings]]]:
+    """Return `scene` in 8x8 pixels with the same tables, and an empty set of what was rendered with them."""
+    scene = scene.in_float32[0]
+    return scene.seen_by(replace(scene.camera, resolution=(8, 8), corner=(0, 0), frame=None)), set()
+
+
+def _rule_and_settings(turn: Turn, settings: Settings) -> tuple[str, Settings]:
+    """Return the rule of a turn as `render` has it, and its settings."""
+    if turn[0] != PINNED:
+        return turn[0], settings
+    return "balance", make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
+
+
+def _run(turn: Turn, result: Result, cpu_seconds: float, reference: Reference, crop: Sequence[int] | None) -> Run:
+    """Return the time and error of a result."""
     pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
-    area = crop_area(crop, scene.camera.resolution)
+    area = crop_area(crop, result.image.shape[1::-1])
     image, reference = result.image[area], reference.cropped(area)
     mse, mse_error = mean_over_blocks(squared_error(image, reference))
-    mean_z = alarm.mean_z(image, reference, spp)
-    run = Run(
-        rule, spp, seed, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(image, reference),
-        cpu_seconds, mean_z,
+    mean_z = alarm.mean_z(image, reference, turn[1])
+    return Run(
+        *turn, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(image, reference), cpu_seconds,
+        mean_z,
     )  # fmt: skip
-    return run, result
 
 
 def median_seconds(runs: Sequence[Run]) -> float:

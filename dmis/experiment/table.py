@@ -29,7 +29,7 @@ from dmis.experiment import alarm
 from dmis.experiment.metrics import mse, relmse, share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area
-from dmis.experiment.runs import PINNED, Budget, Run
+from dmis.experiment.runs import PINNED, Budget, Run, Turn
 from dmis.fit.registry import make_rule
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
@@ -141,7 +141,7 @@ class Results:
         return self.folder / "images" / f"{name}-{spp}spp.exr"
 
     def layers(
-        self, budgets: Iterable[Budget], reference: Reference, again: Callable[..., tuple[Run, Result]]
+        self, budgets: Iterable[Budget], reference: Reference, again: Callable[[Turn], tuple[Result, float]]
     ) -> dict[Budget, dict[str, Array]]:
         """Return the images of `budgets`, with their layers RGB, weight, variance, samples and so on.
 
@@ -160,7 +160,7 @@ class Results:
             except (OSError, ValueError) as reason:
                 warnings.warn(f"{path} is rendered again: {reason}", stacklevel=3)
                 path.parent.mkdir(exist_ok=True)
-                write_image(path, again(budget=budget, seed=rows[0].seed)[1])
+                write_image(path, again((*budget, rows[0].seed))[0])
                 images[budget] = read_exr(path)[0]
         return images
 
@@ -182,6 +182,7 @@ class Results:
                     runs.append(_run(row, self._least))
         except (ValueError, csv.Error) as error:
             raise self._refuse(f"cannot be read in line {line} ({error})") from error
+        runs = list(run_by_key(runs).values())  # one of rows that two processes have written
         pinned, balance = ({(r.spp, r.seed) for r in runs if r.rule == rule} for rule in (PINNED, "balance"))
         return [r for r in runs if r.rule == PINNED or (r.spp, r.seed) in pinned & balance]
 

@@ -42,7 +42,8 @@ techniques, see `dmis.variance.simplex_curves`, and ``simplex:light=0.5,brdf=0.3
 the default, which learns shares and numbers of samples per pixel in two rounds, and ``counts``, the same with
 equal shares (`dmis.fit.auto`).
 """
-_SHIPPED = frozenset(RULES)
+SHIPPED = frozenset(RULES)
+"""Names of the rules that every process knows."""
 _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
 _GUESSES = {"power": "pbrt", "light": "fixed:1", "brdf": "fixed:0", "bsdf": "fixed:0"}
 """The rules that are meant by names which are none."""
@@ -72,8 +73,8 @@ def register_rule(name: str, cls: Callable[..., Rule]) -> None:
         raise ValueError(f"name of a rule must not be {name}, because {_RESERVED[name]}. Choose another name")
     if not callable(cls):
         raise ValueError(f"rule {name} must be a class, or a function that returns a rule; got {cls!r}")
-    if name in _SHIPPED or (name in RULES and _origin(RULES[name]) != _origin(cls)):
-        owner = "dmis" if name in _SHIPPED else _origin(RULES[name])
+    if name in SHIPPED or (name in RULES and _origin(RULES[name]) != _origin(cls)):
+        owner = "dmis" if name in SHIPPED else _origin(RULES[name])
         raise ValueError(f"name of a rule must be new; {name!r} is taken by {owner}. Choose another name")
     try:
         rule = cls()
@@ -146,7 +147,7 @@ def _no_such_rule(name: str) -> ValueError:
     guess = _GUESSES.get(name.lower(), f"fixed:{name}" if re.fullmatch(r"[01]|[01]?\.\d+", name) else "")
     hint = f", did you mean {guess!r}?" if guess else did_you_mean(name, RULES) or "."
     how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
-    if loaded_plugins() and RULES.keys() == _SHIPPED:
+    if loaded_plugins() and RULES.keys() == SHIPPED:
         files = " and ".join(path.name for path in loaded_plugins())
         how = f"{files} registered no rule: end it with dmis.register_rule({name!r}, ...), and the rule's class"
     return ValueError(

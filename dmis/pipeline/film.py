@@ -124,6 +124,8 @@ class FilmTile:
         Sums of the statistic over patches of `PATCH` pixels, ``(..., ceil(rows / PATCH), ceil(columns / PATCH))``.
     embree_seconds
         CPU seconds of its ray queries; 0 if it was not rendered now.
+    worker_seconds
+        CPU seconds of all of it, if another process has rendered it now; else 0.
     """
 
     pass_: int
@@ -135,6 +137,7 @@ class FilmTile:
     rays: Mapping[str, int]
     sums: Mapping[str, Array]
     embree_seconds: float = 0.0
+    worker_seconds: float = 0.0
 
 
 class PassFilm:

@@ -43,6 +43,8 @@ class Passes:
         Time of the rounds so far, by their stage.
     embree_seconds
         CPU seconds of the ray queries of all tiles that were rendered so far.
+    worker_seconds
+        CPU seconds of all tiles that other processes have rendered so far.
 
     Raises
     ------
@@ -65,7 +67,7 @@ class Passes:
         self._release: Callable[[], None] = release if self._pixels >= LARGE_IMAGE else lambda: None
         self.rays, self.pilot_rays = Counter[str](), Counter[str]()
         self.seconds: defaultdict[str, float] = defaultdict(float)
-        self.embree_seconds = 0.0
+        self.embree_seconds = self.worker_seconds = 0.0
         # one thread is this one, so that a debugger or profiler sees what it does
         serial = parallel == 1 and not isinstance(parallel, bool)
         parallel = 1 if serial else check_parallel(parallel)
@@ -85,7 +87,7 @@ class Passes:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._workers is not None:
-            self._workers.close(now=kind is not None)
+            self._workers.close()
 
     def render(self, round_: Round) -> Pilot:
         """Render a round over the image and return its film; one that goes on joins the samples before it."""
@@ -117,6 +119,7 @@ class Passes:
         with closing(here if self._workers is None else self._workers.render(missing)) as results:
             for tile, film_tile in results:
                 self.embree_seconds += film_tile.embree_seconds
+                self.worker_seconds += film_tile.worker_seconds
                 if self._store:
                     self._store.append(film_tile)
                 film.merge_tile(film_tile)

@@ -78,7 +78,8 @@ class Result:
         ``(H, W)`` float32: shading samples of each of the `samples`, on average.
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``; ``embree``: CPU seconds of the ray
-        queries of all threads and processes, without tiles from a checkpoint.
+        queries of all threads and processes, without tiles from a checkpoint; ``workers``: CPU seconds of the tiles of
+        other processes.
     rays
         Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
         ``shadow`` (of light samples), ``brdf``, ``uniform``, ``resampled``, ``delta`` (towards lights of a single
@@ -179,7 +180,7 @@ def make_result(job: Job, final: Round, image: tuple[Array, Array], passes: Pass
         light_share=np.full(shape, share, np.float32),
         samples=np.full(shape, samples, np.float32),
         shading_samples=np.asarray(shading_samples, np.float32),
-        seconds={**seconds, "embree": passes.embree_seconds},
+        seconds={**seconds, "embree": passes.embree_seconds, "workers": passes.worker_seconds},
         rays=rays,
         maps=final.maps,
         describe=lambda: {**described.provenance, **of_image},

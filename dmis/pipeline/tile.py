@@ -116,7 +116,7 @@ def layout(settings: Settings) -> dict[str, int]:
 
 def make_tiles(resolution: tuple[int, int], seed: int, pass_: int, round_: Round) -> list[Tile]:
     """Return the tiles of one round over an image of `resolution` (width, height), in row order."""
-    areas = _tile_areas(
+    areas = tile_areas(
         resolution, int(np.mean(round_.spp)), not isinstance(round_.spp, int), batch_size(round_.settings)
     )
     return [
@@ -125,7 +125,7 @@ def make_tiles(resolution: tuple[int, int], seed: int, pass_: int, round_: Round
     ]
 
 
-def _tile_areas(
+def tile_areas(
     resolution: tuple[int, int], spp: int, uneven: bool, batch: int
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Return rows and columns of the tiles of an image.

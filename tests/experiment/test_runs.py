@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import fresh_python
 
 import dmis
 from dmis.experiment.runs import measure
@@ -31,6 +32,27 @@ def test_measure(box):
         assert both[1].rays == sum(result.rays.values())
         assert 0 <= both[1].overhead < both[1].seconds and both[1].mse_error > 0
     assert runs["balance", 8][0].mse != runs["balance", 8][1].mse
+
+
+FIRST = """
+import sys, dmis, numpy as np, dmis.experiment.runs as runs
+render, sky = runs.render, dmis.EnvironmentLight(np.arange(384).reshape(8, 16, 3) / 384)
+def watched(*arguments, **options):
+    before = len(sys.modules), len(vars(sky))
+    result = render(*arguments, **options)
+    print(len(sys.modules) - before[0], len(vars(sky)) - before[1], end=" ")
+    return result
+runs.render = watched
+floor = dmis.Part(dmis.load_scene("cornell").parts[0].mesh, dmis.matte(0.5))
+scene = dmis.Scene(dmis.Camera.fit([floor.mesh], resolution=(16, 16)), (floor,), (sky,))
+black = np.zeros((16, 16, 3), np.float32)
+runs.measure(scene, [("balance", 4), ("second-moment", 16)], 1, dmis.Reference(black, black, 1), parallel=1)
+"""
+
+
+def test_first_renders_pay_no_imports_and_tables():
+    """A rule's first render in a process imports nothing and makes no table of a sky."""
+    assert fresh_python(FIRST).split() == ["0", "0", "0", "0"]
 
 
 def test_a_budget_named_twice_is_measured_once(box, tmp_path):

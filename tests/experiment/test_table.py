@@ -93,6 +93,21 @@ def test_a_torn_row_is_rendered_again(box, reference, tmp_path, rendered):
     assert rendered == [("thesis:patch=4", 8, 0)] and errors(tmp_path) == before
 
 
+def test_two_comparisons_in_one_folder(box, reference, tmp_path, drawn):
+    """Rows that both have written are merged; a row that the other one has lost, by an older table, is not missed."""
+    arguments = box, ["balance"], [4], [0], reference, tmp_path
+
+    def other(rule: str, done: int, total: int) -> None:
+        if done == 1:
+            compare(*arguments, parallel=1)
+
+    compare(*arguments, parallel=1, progress=other)
+    assert len(rows(tmp_path)) == len(errors(tmp_path)) == len(drawn) == 2
+    (tmp_path / "results.csv").unlink()
+    runs = compare(*arguments, parallel=1, progress=lambda *_: (tmp_path / "results.csv").write_bytes(b"")).runs
+    assert [len(by_seed) for by_seed in runs.values()] == [1, 1]
+
+
 def test_written_is_what_is_read(box, reference, tmp_path):
     """Rows come back as they were written, to the digits that are written."""
     about = conditions(box, reference, 1)

@@ -9,6 +9,7 @@ import sys
 import time
 import weakref
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,10 +19,21 @@ import pytest
 
 import dmis
 from dmis.cli.commands import main
+from dmis.experiment.runs import PINNED, measure
+from dmis.fit.fixed import Fixed
+from dmis.fit.registry import RULES
 from dmis.pipeline import executor
 from dmis.pipeline.film import PassFilm
 
 OPTIONS = {"rule": "second-moment", "spp": 32, "seed": 4}
+
+
+@pytest.fixture(autouse=True)
+def no_idle_processes():
+    """Each test begins without processes, and ends them."""
+    yield
+    while executor._idle_pools:
+        executor._idle_pools.pop().shutdown()
 
 
 @pytest.fixture(scope="module")
@@ -184,6 +196,41 @@ class Inline(Executor):
         return future
 
 
+def test_processes_wait_for_the_next_call(box, wide, pickled):
+    """They stay if it has the same scene; another one ends them. Their CPU seconds are in the result."""
+    options = {"rule": "balance", "spp": 4, "parallel": dmis.Processes(2)}
+    first = dmis.render(wide, **options)
+    before = {child.pid for child in multiprocessing.active_children()}
+    again = dmis.render(wide, **options)
+    assert {child.pid for child in multiprocessing.active_children()} == before and len(before) == 2
+    assert len(pickled) == 1
+    here = dmis.render(wide, "balance", 4, parallel=2)
+    check(again, first)
+    check(here, first)
+    assert here.seconds["workers"] == 0 < 0.5 * first.seconds["workers"] < again.seconds["workers"]
+    for child in multiprocessing.active_children():
+        os.kill(child.pid, signal.SIGKILL)
+        child.join()
+    check(dmis.render(wide, **options), first)
+    dmis.render(box, **options)
+    assert len(multiprocessing.active_children()) == 1  # one tile, and no more of the other scene
+
+
+def test_workers_do_not_hear_ctrl_c(box, cluster):
+    """From their start on, and on a cluster that this process has started; else each prints a traceback."""
+    with closing(executor.Workers(box, dmis.Processes(1))) as workers:
+        ((_, blocked),) = workers.calls(_blocked, [0])
+    assert signal.SIGINT in blocked and signal.SIGINT not in _blocked(box, 0)
+    executor.Workers(box, cluster.get_executor(pure=False))
+    assert set(cluster.run(signal.getsignal, signal.SIGINT).values()) == {signal.SIG_IGN}
+    executor._ignore_interrupts(os.getpid())  # of another's workers, which end by Ctrl-C
+    assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+
+
+def _blocked(*_):
+    return signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
 def test_any_executor_will_do(wide, threaded):
     """One that nobody knows gets the scene with every tile."""
     check(dmis.render(wide, parallel=Inline(), **OPTIONS), threaded)
@@ -199,13 +246,13 @@ def test_rules_of_two_rounds_have_the_same_bits(wide, parallel):
 
 def test_another_version_is_refused(box, monkeypatch):
     """A worker of another version than the one that asks says so."""
-    monkeypatch.setattr(executor, "_render", partial(_older, executor._render))
+    monkeypatch.setattr(executor, "_call", partial(_older, executor._call))
     with pytest.raises(ValueError, match=r"the same version of dmis, .*; 0\.0\.1 asked, and .* has 0\.1"):
         dmis.render(box, "balance", 2, parallel=2)
 
 
-def _older(render, scene, tile, _):
-    return render(scene, tile, "0.0.1")
+def _older(call, scene, _, function, item):
+    return call(scene, "0.0.1", function, item)
 
 
 def test_results_are_let_go(wide, monkeypatch):
@@ -264,6 +311,33 @@ def test_cluster_survives_a_death(wide, threaded, pickled, cluster):
     cluster.wait_for_workers(2, timeout=120)
     assert victim not in cluster.run(os.getpid).values()
     assert len(pickled) == 1
+
+
+@pytest.mark.parametrize("kind", ["processes", "cluster"])
+def test_workers_render_small_images_whole(box, tmp_path, monkeypatch, kind, request):
+    """With the same errors in the same order, and similar CPU seconds; rules of one's own are rendered tile by tile."""
+    parallel = dmis.Processes(2) if kind == "processes" else request.getfixturevalue("cluster").get_executor(pure=False)
+    monkeypatch.setitem(RULES, "mine", Fixed)
+    reference = dmis.make_reference(box, 16, folder=tmp_path)
+    budgets, recorded = [(PINNED, 8), ("auto", 64), ("balance", 64)], []
+    serial = measure(box, [*budgets, ("mine", 64)], 3, reference, parallel=1)
+    with monkeypatch.context() as here:
+        here.setattr("dmis.experiment.runs.render", lambda *_, **__: pytest.fail("it is rendered here"))
+        runs = measure(box, budgets, 3, reference, parallel=parallel, record=lambda *both: recorded.append(both))
+        with pytest.raises(KeyboardInterrupt):
+            measure(box, budgets, 20, reference, parallel=parallel, progress=_interrupted)
+        assert not executor._idle_pools  # its processes have calls that nobody waits for
+    assert [(run.rule, run.seed) for run, _ in recorded] == [(rule, seed) for seed in range(3) for rule, _ in budgets]
+    np.testing.assert_array_equal(recorded[4][1].image, dmis.render(box, "auto", 64, seed=1).image)
+    runs |= measure(box, [("mine", 64)], 3, reference, parallel=parallel)
+    for budget, by_seed in runs.items():
+        assert [(r.seed, r.mse, r.rays) for r in by_seed] == [(r.seed, r.mse, r.rays) for r in serial[budget]]
+        one, other = (np.median([r.cpu_seconds for r in of]) for of in (serial[budget], by_seed))
+        assert 0.5 < other / one < 2
+
+
+def _interrupted(*_):
+    raise KeyboardInterrupt
 
 
 def test_tiles_that_kill_their_workers_are_given_up(wide, cluster):
