@@ -9,9 +9,10 @@ import argparse
 from collections.abc import Container, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from dmis import __version__
+from dmis.base.text import printable
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import SCENES as BENCH_SCENES
 from dmis.experiment.bench.judge import STYLES
@@ -24,9 +25,16 @@ Options = Mapping[str, Mapping[str, Any]]
 """Arguments of ``add_argument`` by option, its names separated by spaces; options of a ``group`` exclude each other."""
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors show control characters of the arguments, and do not send them to the terminal."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(printable(message))
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of all commands and their options; its result has the name of the command in ``command``."""
-    parser = argparse.ArgumentParser(prog="dmis", description="Data-driven multiple importance sampling.")
+    parser = _Parser(prog="dmis", description="Data-driven multiple importance sampling.")
     parser.add_argument("--version", action="version", version=f"dmis {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (summary, options) in COMMANDS.items():

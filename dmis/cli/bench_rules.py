@@ -9,6 +9,7 @@ from typing import Any
 
 from dmis.base.plugins import load_plugin, raised
 from dmis.base.validate import one_of
+from dmis.cli.shared import say
 from dmis.experiment.bench.data import SCENES, SMALL, path_of, read_truth
 from dmis.experiment.bench.judge import BASELINES, report, score
 from dmis.fit.registry import RULES
@@ -27,7 +28,7 @@ def bench_rules(options: argparse.Namespace) -> int:
             if not text.endswith(".py"):
                 raise
             raise ValueError(f"{text}: {raised(error)}") from error
-    print(report(scores, options.format))
+    say(report(scores, options.format))
     return 0
 
 

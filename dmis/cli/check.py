@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from dmis.base.plugins import load_plugin
+from dmis.cli.shared import say
 from dmis.testing.find import RECOGNISED, find
 from dmis.testing.outcome import Outcome, line, summary
 
@@ -25,9 +26,9 @@ def check(options: argparse.Namespace) -> int:
         raise ValueError(f"--albedo is that of lobes, of which {file} has none")
     outcomes: list[Outcome] = []
     for subject in subjects:
-        print(f"{subject.kind} {subject.name}", flush=True)
+        say(f"{subject.kind} {subject.name}")
         results = subject.check(options.albedo)
-        print(*map(line, results), sep="\n", flush=True)
+        say(*map(line, results))
         outcomes += results
-    print(summary(outcomes))
+    say(summary(outcomes))
     return int(not all(outcome.passed for outcome in outcomes))

@@ -24,7 +24,7 @@ from dmis.cli.arguments import make_parser
 from dmis.cli.bench_rules import bench_rules
 from dmis.cli.check import check
 from dmis.cli.rendering import render
-from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
+from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of, spp_of
 from dmis.estimator.settings import make_settings
 from dmis.experiment.compare import check_output, compare, parse_rules, summary
 from dmis.experiment.oracle_renders import make_oracle
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(arguments)
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_, **__: print(f"dmis: warning: {message}", file=sys.stderr)  # type: ignore[assignment]
+            warnings.showwarning = lambda message, *_, **__: say(f"dmis: warning: {message}", error=True)  # type: ignore[assignment]
             for file in options.plugin:
                 load_plugin(file)
             code = _COMMANDS[options.command](options)
@@ -49,13 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes what is left at exit
         return 141  # as the shell has it for a command that SIGPIPE ends
     except (ValueError, OSError) as error:
-        print(f"dmis: error: {error}", file=sys.stderr)
+        say(f"dmis: error: {error}", error=True)
         return 2
     except MemoryError as error:
-        print(f"dmis: error: there is not enough memory: {error}", file=sys.stderr)
+        say(f"dmis: error: there is not enough memory: {error}", error=True)
         return 2
     except KeyboardInterrupt:
-        print(f"dmis: interrupted{_how_to_resume(options, arguments)}", file=sys.stderr)
+        say(f"dmis: interrupted{_how_to_resume(options, arguments)}", error=True)
         return 130
 
 
@@ -88,7 +88,7 @@ def _compare(options: argparse.Namespace) -> int:
     expected = {name: settings[name] for name in ("integrator", "max_depth") if name in settings}  # of the image
     curves = {name: value for name, value in settings.items() if name != "sampler"}
     if options.verbose:
-        print(describe(scene), flush=True)
+        say(describe(scene))
     with progress_bar(options.quiet) as progress:
         of_renders = {"parallel": options.threads, "progress": progress}
         if options.reference is not None:
@@ -106,16 +106,16 @@ def _compare(options: argparse.Namespace) -> int:
     for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
         pilot = sum(make_rule(rule).pilot.values())
         why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
-        print(f"dmis: {rule} is left out at {n} samples per pixel, {why}", file=sys.stderr)
+        say(f"dmis: {rule} is left out at {n} samples per pixel, {why}", error=True)
     if not options.quiet:
-        print(summary(comparison))
-        print(*filter(Path.exists, (options.output / name for name in ("results.csv", "report.html"))), sep="\n")
+        say(summary(comparison))
+        say(*filter(Path.exists, (options.output / name for name in ("results.csv", "report.html"))))
     return 0
 
 
 def _print_run(rule: str, done: int, total: int) -> None:
     """Print a line about a finished render."""
-    print(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}", flush=True)
+    say(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}")
 
 
 def _oracle(options: argparse.Namespace) -> int:
@@ -134,7 +134,7 @@ def _oracle(options: argparse.Namespace) -> int:
     with replacing(paths[0]) as partial:
         partial.write_text(f"{text}\n", "utf-8")
     if not options.quiet:
-        print(text, *paths, sep="\n")
+        say(text, *paths)
     return 0
 
 
@@ -151,26 +151,26 @@ def _play(options: argparse.Namespace) -> int:
     with replacing(options.output) as partial:
         partial.write_text(page, "utf-8")
     if not options.quiet:
-        print(f"{options.output}: open it in a browser")
+        say(f"{options.output}: open it in a browser")
     return 0
 
 
 def _info(options: argparse.Namespace) -> int:
     """Run ``info`` and return its exit code."""
     if options.scenes:
-        print(*SHIPPED, sep="\n")
+        say(*SHIPPED)
     if options.rules:
-        print(*(f"{name:18} {make()!r}" for name, make in RULES.items()), sep="\n")
+        say(*(f"{name:18} {make()!r}" for name, make in RULES.items()))
     if options.scenes or options.rules:
         return 0
     machine = f"{platform.system()} {platform.machine()}"
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "trimesh", "embreex", "OpenEXR"))
-    print(f"dmis {__version__}, Python {platform.python_version()}, {machine}\n{packages}")
+    say(f"dmis {__version__}, Python {platform.python_version()}, {machine}\n{packages}")
     if options.scene:
         begin = time.perf_counter()
         scene, _ = load(options).in_float32
         scene.prepare()
-        print(f"\n{describe(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
+        say(f"\n{describe(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 
@@ -182,7 +182,7 @@ def _bench(options: argparse.Namespace) -> int:
             parallel=options.threads, repeats=options.repeats, seed=options.seed, progress=progress,
             **given_settings(options),
         )  # fmt: skip
-    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
+    say(HEADER, *(speed.row() for speed in speeds))
     return 0
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from dmis.base import malloc
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.color import LUMINANCE
-from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of
+from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of
 from dmis.estimator.settings import make_settings
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
@@ -63,15 +63,15 @@ def render(options: argparse.Namespace) -> int:
     if options.checkpoint:
         remove_checkpoint(options.checkpoint)
     if not options.quiet:
-        print(_summary(options, job, result))
+        say(_summary(options, job, result))
         if exposure != 1 and (options.png or Path(options.output).suffix.lower() == ".png"):
-            print(f"  exposure of the preview: {exposure:.3g}")
+            say(f"  exposure of the preview: {exposure:.3g}")
     if options.verbose:
-        print(f"  {describe(scene)}", *_time_and_rays(result), sep="\n")
+        say(f"  {describe(scene)}", *_time_and_rays(result))
     elif not options.quiet and "added" in scene.source:
-        print(f"  added to the file: {'; '.join(scene.source['added'])}")
+        say(f"  added to the file: {'; '.join(scene.source['added'])}")
     if not options.quiet and not options.verbose and "lit" in scene.source:
-        print(f"  lit by {scene.source['lit']}")
+        say(f"  lit by {scene.source['lit']}")
     return 0
 
 

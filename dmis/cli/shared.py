@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.text import printable
 from dmis.base.validate import did_you_mean
 from dmis.brdf import materials, metallic_roughness, models
 from dmis.brdf.materials import Material
@@ -24,6 +25,11 @@ from dmis.pipeline.job import DEFAULT_SPP
 from dmis.pipeline.progress import Progress, reporting
 from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene
+
+
+def say(*lines: object, error: bool = False) -> None:
+    """Print lines, `error`: on standard error; control characters of names and files are shown, not obeyed."""
+    print(printable("\n".join(map(str, lines))), file=sys.stderr if error else sys.stdout, flush=True)
 
 
 def load(options: argparse.Namespace) -> Scene:

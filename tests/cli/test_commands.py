@@ -379,3 +379,31 @@ def test_interrupt_without_a_checkpoint_says_how_to_keep_work(scene, tmp_path, m
     words = shlex.split(again)
     assert words == ["python", "-m", "dmis", *command, "--checkpoint", str(tmp_path / "a b.checkpoint")]
     assert main(words[3:]) == 0 and os.path.exists(out)
+
+
+@pytest.mark.filterwarnings("default")
+def test_control_characters_are_shown(tmp_path, capsys):
+    """Those of file names, tokens, rules and wrong arguments: no message and no table sends them to the terminal."""
+    evil = "\x1bc\x07\x9b2J\u202e"
+    path = tmp_path / f"{evil}.pbrt"
+    path.write_text(SCENE.replace('"float fov"', f'"float {evil}" 1 "float fov"'))
+    bad = tmp_path / "bad.pbrt"
+    bad.write_text(f"{SCENE}{evil} {evil}")
+    out, image = str(tmp_path / evil), str(tmp_path / f"{evil}.exr")
+    for arguments, code in (
+        (["info", str(path)], 0),
+        (["info", str(bad)], 2),
+        (["info", f"{evil}.pbrt"], 2),
+        (["render", str(path), "-o", image, "--spp", "2", "--verbose", "--rule", "balance"], 0),
+        (["render", str(path), "-o", image, "--rule", evil], 2),
+        (["check", str(path)], 2),
+        (["bench-rules", "--scenes", evil], 2),
+    ):
+        assert main(arguments) == code
+        text = "".join(capsys.readouterr())
+        assert r"\x1bc\x07\x9b2J\u202e" in text and text.replace("\n", "").isprintable()
+    for arguments in (["render", str(path), "-o", out, evil], ["info", str(path), "--up", evil]):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        text = "".join(capsys.readouterr())
+        assert r"\x1b" in text and text.replace("\n", "").isprintable()
