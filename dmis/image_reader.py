@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import tempfile
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dmis.base.atomic_files import check_package
+from dmis.base.validate import number
 from dmis.base.vectors import Array
 from dmis.image import MAX_VALUES, check_size, read_exr, srgb_to_linear
 
@@ -25,7 +27,7 @@ def load_image(path: str | os.PathLike[str], *, linear: bool = False, alpha: boo
     """Read an EXR, PNG, JPG, TGA, HDR or PFM file as linear values.
 
     Whole numbers (PNG, JPG and TGA of 8 bits, PNG of 16) become [0, 1] and are decoded from sRGB; floating-point
-    numbers (EXR, HDR, PFM) are linear already, and taken as they are.
+    numbers (EXR, HDR, PFM) are linear already, and taken as they are, but for factors in the headers of HDR and PFM.
 
     Parameters
     ----------
@@ -54,13 +56,15 @@ def load_image(path: str | os.PathLike[str], *, linear: bool = False, alpha: boo
         raise FileNotFoundError(f"no such image: {path}")
     with path.open("rb") as file:
         is_exr = file.read(4) == b"\x76\x2f\x31\x01" or path.suffix.lower() == ".exr"
-    return linear_values(_exr(path) if is_exr else decode_image(path.read_bytes(), str(path)), linear, alpha)
+    data = b"" if is_exr else path.read_bytes()
+    pixels = _exr(path) if is_exr else decode_image(data, str(path))
+    return linear_values(pixels / _exposure(data, path) if data.startswith(b"#?") else pixels, linear, alpha)
 
 
 def decode_image(data: bytes, name: str) -> np.ndarray:
     """Return the pixels ``(H, W, 1 to 4)`` of the bytes of a file that is not EXR, integers or floating-point numbers.
 
-    `name` is for messages. See `linear_values` for the image of them.
+    `name` is for messages. See `linear_values` for the image of them. EXPOSURE in the header of an HDR file is ignored.
     """
     tga = ".tga" if name.lower().endswith(".tga") else None
     suffix = next((suffix for signature, suffix in _SIGNATURES.items() if data.startswith(signature)), tga)
@@ -115,6 +119,15 @@ def _decode(data: bytes, suffix: str) -> np.ndarray:
     if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
         raise ValueError("its values must be finite")
     return pixels
+
+
+def _exposure(data: bytes, path: Path) -> np.float32:
+    """Return the factor of the values of an HDR file: the product of the lines EXPOSURE in its header."""
+    factors = re.findall(rb"\nEXPOSURE *= *([^\n]*)", data.partition(b"\n\n")[0])
+    try:
+        return np.float32(number("EXPOSURE", math.prod(map(float, factors)), 1e-12, 1e12))
+    except ValueError as error:
+        raise ValueError(f"cannot read {path} as HDR: {error}") from error
 
 
 def _exr(path: Path) -> Array:

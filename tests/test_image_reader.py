@@ -100,6 +100,23 @@ def test_floats_are_taken_as_they_are(tmp_path):
     np.testing.assert_array_equal(load(tmp_path, "a.hdr", hdr), np.broadcast_to([2, 1, 0.5], (2, 3, 3)))
 
 
+def test_factors_of_headers(tmp_path):
+    """HDR files were multiplied by each EXPOSURE, PFM files are to be by the absolute value of their scale."""
+    hdr = b"#?RADIANCE\n#EXPOSURE=9\nEXPOSURE=4\nFORMAT=32-bit_rle_rgbe\nEXPOSURE= .5\n\n-Y 1 +X 1\n" + bytes(
+        [128, 64, 32, 130]
+    )
+    np.testing.assert_array_equal(load(tmp_path, "a.hdr", hdr), [[[1, 0.5, 0.25]]])
+    np.testing.assert_array_equal(dmis.EnvironmentLight(tmp_path / "a.hdr").texels, [[[1, 0.5, 0.25]]])
+    for wrong in (b"0", b"-1", b"nan", b"1e999", b"x"):
+        with pytest.raises(ValueError, match=r"a\.hdr as HDR: (EXPOSURE must be a number from|could not convert)"):
+            load(tmp_path, "a.hdr", hdr.replace(b" .5", wrong))
+    for order, sign in (("<", b"-"), (">", b"")):
+        values = np.array([1, 2, 3], f"{order}f4")
+        np.testing.assert_array_equal(
+            load(tmp_path, "a.pfm", b"PF\n1 1\n%s2.5\n" % sign + values.tobytes()), [[2.5 * values]]
+        )
+
+
 def test_materials_and_skies_take_paths(tmp_path):
     """Colours are decoded, roughness is not; the bottom of the file is at t = 0."""
     wood, rough, sky = tmp_path / "wood.png", tmp_path / "rough.png", tmp_path / "sky.hdr"

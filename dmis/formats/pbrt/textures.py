@@ -1,13 +1,14 @@
 """Textures of pbrt files, made from parameter lists, and images.
 
 The first row of an image is t = 0 in pbrt-v2, and t = 1 in v3 and v4. A texel is (scale * texel) ^ gamma in v2. Files
-of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is linear, and in textures of v3, unless
-``gamma`` is false, but not in v2 and in skies of v3. A float texture takes the luminance of an image, in v3 before it
-is decoded; in v4 its opacity, if it has any, or its mean.
+of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is linear or an exponent ("gamma 2.2"), and
+in textures of v3, unless ``gamma`` is false, but not in v2 and in skies of v3. A float texture takes the luminance of
+an image, in v3 before it is decoded; in v4 its opacity, if it has any, or its mean.
 """
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from dmis.brdf.texture import Image, combine, scale
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.image import srgb_to_linear
-from dmis.image_reader import IMAGE_SUFFIXES, load_image
+from dmis.image_reader import IMAGE_SUFFIXES, decode_image, linear_values, load_image
 
 TEXTURES = "constant", "scale", "mix", "imagemap", "checkerboard"
 """Classes of textures that are read."""
@@ -81,8 +82,10 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
     offset = p.number("udelta", 0), p.number("vdelta", 0)
     factor, v4 = p.number("scale", 1), p.dialect == "v4"
     gamma = p.number("gamma", 1) if p.dialect == "v2" else 1.0
-    encoded, grey = _is_encoded(p), kind == "float"
+    encoded, exponent, grey = _is_encoded(p), _exponent(p), kind == "float"
     texels = image(p, "filename", encoded and (v4 or not grey), alpha=v4 and grey)
+    if exponent != 1:
+        texels[..., :3] **= exponent
     texels = texels.astype(np.float32 if factor == gamma == 1 else float, copy=False)
     if p.dialect != "v2":
         texels = texels[::-1]
@@ -108,8 +111,19 @@ def _is_encoded(p: Parameters) -> bool:
         p.require({"gamma": False} if p.dialect == "v3" else {"encoding": "linear"} if p.dialect == "v4" else {})
         return False
     if p.dialect == "v4":
-        return p.string("encoding", "sRGB", ("sRGB", "linear")) == "sRGB"
+        return p.string("encoding", "sRGB") == "sRGB"
     return p.dialect == "v3" and p.boolean("gamma", True)
+
+
+def _exponent(p: Parameters) -> float:
+    """Return the exponent of v4's ``encoding``, such as "gamma 2.2"; 1 if it is a name."""
+    encoding = p.string("encoding", "sRGB") if p.dialect == "v4" else "linear"
+    if encoding in ("sRGB", "linear"):
+        return 1.0
+    number = re.fullmatch(r"gamma (\d*\.?\d+)", encoding)
+    if number is None or not float(number[1]):
+        raise p.items["encoding"].error(f'must be sRGB, linear or such as "gamma 2.2"; got {encoding!r}')
+    return float(number[1])
 
 
 def image(p: Parameters, name: str, encoded: bool | None = None, alpha: bool = False) -> Array:
@@ -124,6 +138,10 @@ def image(p: Parameters, name: str, encoded: bool | None = None, alpha: bool = F
         known = ", ".join(suffix[1:].upper() for suffix in _FORMATS[p.dialect])
         raise token.error(f"images of pbrt-{p.dialect} must be {known}; convert {file!r} to .exr, with linear values")
     with blame(token):
-        texels = load_image(path, linear=not (p.dialect == "v4" if encoded is None else encoded), alpha=alpha)
+        linear = not (p.dialect == "v4" if encoded is None else encoded)
+        if path.suffix.lower() == ".hdr":  # without EXPOSURE, which pbrt-v4 does not read
+            texels = linear_values(decode_image(path.read_bytes(), str(path)), linear, alpha)
+        else:
+            texels = load_image(path, linear=linear, alpha=alpha)
     count = 3 + alpha
     return texels if texels.shape[2] == count else texels[..., [0, 0, 0, 1][:count]]

@@ -613,7 +613,10 @@ BAD_OPTIONS = [
     ("v4", 'Integrator "path" "integer maxdepth" 0', "maxdepth must let 1 to 10000 surfaces"),
     ("v4", 'Renderer "sampler"', "Renderer belongs to v2"),
 ]
+IMAGE = 'Texture "a" "float" "imagemap" "string filename" "a.png" "string encoding"'
 BAD_WORLDS = [
+    ("v4", f'{IMAGE} "gamma 0"', "'encoding' must be sRGB, linear or such as \"gamma 2.2\"; got 'gamma 0'"),
+    *(("v4", f'{IMAGE} "{other}"', "must be sRGB, linear or") for other in ("gamma", "gamma x", "gamma -1", "srgb")),
     ("v4", 'Material "coateddiffuse" "rgb albedo" [0 .1 0]', "'albedo' must be black, because"),
     ("v4", 'Material "coateddiffuse" "float vroughness" .1', "roughness must be the same along"),
     ("v4", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
@@ -722,6 +725,8 @@ def test_v4_refuses_an_rgb_reflectance_out_of_range(tmp_path, material, value):
         ("v3", '"bool gamma" "false"', 0.5),
         ("v4", "", 0.21404),
         ("v4", '"string encoding" "linear"', 0.5),
+        ("v4", '"string encoding" "gamma 2.2"', 0.21764),
+        ("v4", '"string encoding" "gamma 2.2" "float scale" .5 "bool invert" true', 0.89118),
     ],
 )
 def test_encoding_of_textures(read, tmp_path, dialect, more, expected):
@@ -735,6 +740,14 @@ def test_encoding_of_textures(read, tmp_path, dialect, more, expected):
     )
     image = lobes(read(dialect, text, add=TEXTURED))[0].reflectance
     assert image.texels.mean() == pytest.approx(expected, abs=2e-4)
+
+
+def test_exposure_of_hdr_files_is_not_read_in_v4(read, tmp_path):
+    pytest.importorskip("OpenImageIO")
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=4\n\n-Y 1 +X 1\n"
+    (tmp_path / "a.hdr").write_bytes(head + bytes([128, 64, 32, 129]))
+    texture = 'Texture "a" "spectrum" "imagemap" "string filename" "a.hdr" Material "diffuse" "texture reflectance" "a"'
+    close(lobes(read("v4", texture, add=TEXTURED))[0].reflectance.texels, [[[1, 0.5, 0.25]]])
 
 
 def test_encoding_of_skies_and_normal_maps(read, tmp_path):
