@@ -106,6 +106,8 @@ class Refusals:
         try:
             yield
         except PbrtError as error:
+            if error.is_last:
+                raise
             self.add(error)
 
     def error(self) -> PbrtError:

@@ -30,8 +30,8 @@ Deviations of pbrt-v2 from the textbook that only this reader knows, beside thos
 Deviations of v3 and v4 are described in the modules: sides of lights and glass in `dmis.formats.pbrt.parts`, colours in
 `dmis.formats.pbrt.spectra`, materials and lights in `dmis.formats.pbrt.materials` and `dmis.formats.pbrt.lights`.
 
-File names are relative to the folder of the file that they stand in, else to that of the file read first, and must not
-lead out of the latter unless the caller allows it.
+File names are relative to the folder of the file read first, as in all versions of pbrt; where there is no such file,
+to that of the file that they stand in. They must not lead out of the former unless the caller allows it.
 """
 
 from __future__ import annotations

@@ -32,6 +32,8 @@ from dmis.scene.suggestions import DEFAULT_DEPTH
 
 MAX_SCENE_TRIANGLES = 2**25
 """Most triangles of a scene: some 8 GB."""
+MAX_QUADRICS = 2**14
+"""Most spheres, cylinders and disks of a scene, instances counted: lines are chosen for each, in some 0.5 ms."""
 PARAMETERS, KEPT, WORD, OPTIONAL = "parameters", "kept parameters", "word", "optional string"
 """Arguments of a directive: parameters, of which those that it does not read are noted for a warning; parameters that
 are read later; a word; a string that may be absent. A whole number stands for as many numbers, any other text for a
@@ -97,7 +99,7 @@ class Reader:
         self.shapes: list[tuple[Shape, Material]] = []
         self.objects: dict[str, list[tuple[Shape, Material]]] = {}
         self.object: list[tuple[Shape, Material]] | None = None
-        self.triangles = 0
+        self.triangles = self.quadrics = 0
         self.emitters: list[tuple[int, Shape, Material, Parameters]] = []
         """Shapes that emit, with their places among the lights, which are None there until `scene`."""
         self.lights: list[Light | None] = []
@@ -164,16 +166,20 @@ class Reader:
         self.count(shape)
 
     def count(self, *shapes: Shape) -> None:
-        """Count triangles; raise a `PbrtError` if there are too many."""
+        """Count triangles and quadrics; raise a `PbrtError` if there are too many."""
         self.triangles += sum(shape.mesh.triangles for shape in shapes)
+        self.quadrics += sum(shape.quadric is not None for shape in shapes)
         if self.triangles > (most := MAX_SCENE_TRIANGLES):
-            raise self.token.error(f"a scene must have at most {most} triangles, because instances are copied")
+            raise self.token.error(f"a scene must have at most {most} triangles, because instances are copied", True)
+        if self.quadrics > (most := MAX_QUADRICS):
+            reason = "because each becomes triangles of its own; make meshes of them (plymesh)"
+            raise self.token.error(f"a scene must have at most {most:,} spheres, cylinders and disks, {reason}", True)
 
     def scene(self, camera: Camera) -> Scene:
         """Return the scene, after all files are read; raise a `PbrtError` that lists all that is not supported."""
         placed = [*(shape for _, shape, *_ in self.emitters), *(shape for shape, _ in self.shapes)]
         placed, quadrics = tessellate_quadrics(placed, len(self.emitters), camera, MAX_SCENE_TRIANGLES)
-        self.triangles = 0
+        self.triangles = self.quadrics = 0
         self.count(*placed)
         bright, lights = [], list(self.lights)
         for shape, (place, _, material, emits) in zip(placed, self.emitters, strict=False):

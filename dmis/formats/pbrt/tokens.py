@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dmis.base.named_files import named_file
+from dmis.base.text import decode
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import V2, Dialect
 
@@ -43,12 +44,12 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 class PbrtError(ValueError):
     """Error about a pbrt file that is malformed or not supported; the message names file, line and token.
 
-    `reason` is the message without file and line.
+    `reason` is the message without file and line; `is_last` whether reading stops there.
     """
 
-    def __init__(self, message: str, reason: str = "") -> None:
+    def __init__(self, message: str, reason: str = "", is_last: bool = False) -> None:
         super().__init__(message)
-        self.reason = reason
+        self.reason, self.is_last = reason, is_last
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +71,17 @@ class Source:
     def read(cls, path: Path, outside: bool = False) -> Source:
         """Read `path`, the first file of a scene; files named in it must be below its folder unless `outside`."""
         root = None if outside else path.parent.resolve()
-        return cls(path, path.read_text("utf-8", "replace"), (path.parent,), root)
+        try:
+            return cls(path, decode(path.read_bytes(), "the file"), (path.parent,), root)
+        except ValueError as error:
+            raise PbrtError(f"{path}:1: token at the beginning: {error}") from error
 
     def include(self, path: Path) -> Source:
-        """Read a file that this one names: names in it are relative to its own folder, else to the first file's."""
-        folders = dict.fromkeys([path.parent, self.folders[-1]])
+        """Read a file that this one names: names in it are relative to the first file's folder, else to its own."""
+        folders = dict.fromkeys([self.folders[0], path.parent])
         with unzipped(path) as plain:
-            return replace(self, path=path, text=plain.read_text("utf-8", "replace"), folders=tuple(folders))
+            text = decode(plain.read_bytes(), str(path))
+        return replace(self, path=path, text=text, folders=tuple(folders))
 
 
 class Token(NamedTuple):
@@ -114,13 +119,13 @@ class Token(NamedTuple):
             raise self.error(f"there is no {what} {name!r} here; there are: {', '.join(map(repr, table)) or 'none'}")
         return table[name]
 
-    def error(self, message: str) -> PbrtError:
+    def error(self, message: str, is_last: bool = False) -> PbrtError:
         """Return an error with the file, the line and the text of this token."""
         text = " ".join(self.text[:200].split()) or "end of file"
         if len(text) > 60:
             text = f"{text[:57]}..."
         reason = f"token {text}: {message}"
-        return PbrtError(f"{self.source.path}:{self.line}: {reason}", reason)
+        return PbrtError(f"{self.source.path}:{self.line}: {reason}", reason, is_last)
 
     def file(self, name: str) -> Path:
         """Return the path of the existing file `name`, relative to the folders of this token's file."""

@@ -155,6 +155,19 @@ def test_too_much_is_refused(folders, name):
         read_pbrt(path)
 
 
+@pytest.mark.parametrize("kind", ["sphere", "disk", "cylinder"])
+def test_many_quadrics_are_refused_before_they_are_made(folders, monkeypatch, kind):
+    """At the first one too many, with one message; a grid of lines for each of 30,000 took 15 s."""
+    inside, _ = folders
+    monkeypatch.setattr("dmis.formats.pbrt.reader.MAX_QUADRICS", 20)
+    line = f'ObjectBegin "a" Shape "{kind}" {TRIANGLE}ObjectEnd\n'
+    dmis.load_scene(write(inside, line + 'ObjectInstance "a"\n' * 19))
+    monkeypatch.setattr("dmis.formats.pbrt.reader.tessellate_quadrics", None)
+    what = "a scene must have at most 20 spheres, cylinders and disks, because .* make meshes of them .plymesh."
+    with pytest.raises(PbrtError, match=rf"^.*scene\.pbrt:23: token ObjectInstance: {what}$"):
+        dmis.load_scene(write(inside, line + 'ObjectInstance "a"\n' * 99))
+
+
 def test_large_images_are_refused_by_their_header(folders, monkeypatch):
     inside, _ = folders
     path = write(inside, USES["sky"].format("a"))

@@ -605,13 +605,40 @@ def test_mirrored_instance_of_glass(read):
 # Files and warnings -----------------------------------------------------------------------------------------------
 
 
-def test_includes_are_found_beside_the_file_or_the_first_one(read, tmp_path):
+@pytest.mark.filterwarnings("ignore")  # WorldEnd is none of v4
+@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
+def test_names_are_relative_to_the_first_file(read, tmp_path, dialect):
+    """As in all versions of pbrt; a file that is only beside the one that names it is found, too."""
     (tmp_path / "sub").mkdir()
-    (tmp_path / "sub/a.pbrt").write_text('Include "b.pbrt"\nInclude "c.pbrt"\n')
-    (tmp_path / "sub/b.pbrt").write_text("Translate 1 0 0\n")
-    (tmp_path / "b.pbrt").write_text("Translate 100 0 0\n")
-    (tmp_path / "c.pbrt").write_text("Translate 0 2 0\n")
-    close(points(read('Include "sub/a.pbrt"')), CORNERS + [1, 2, 0])
+    image = 'Texture "a" "float" "imagemap" "string filename" "a.exr"'
+    (tmp_path / "sub/a.pbrt").write_text(f'Include "b.pbrt"\nInclude "c.pbrt"\n{image}')
+    for name, text in (("b", "Translate 1 0 0"), ("sub/b", "Translate 100 0 0"), ("sub/c", "Translate 0 2 0")):
+        (tmp_path / f"{name}.pbrt").write_text(text)
+    exr(tmp_path / "a.exr", np.zeros((1, 1, 3)))
+    exr(tmp_path / "sub/a.exr", np.ones((1, 1, 3)))
+    masked = TEXTURED[:-1] + ' "texture alpha" "a"\n'
+    scene = read('Include "sub/a.pbrt"', "" if dialect == "v2" else 'Integrator "path"', masked, dialect=dialect)
+    close(points(scene), CORNERS + [1, 2, 0])
+    assert not scene.parts[0].mask.image.texels.any()
+
+
+def test_marks_of_encodings(read, tmp_path):
+    """A byte order mark is no word, in front of any file; UTF-16 is refused."""
+    (tmp_path / "a.pbrt").write_text("Translate 1 2 3", "utf-8-sig")
+    read('Include "a.pbrt"')
+    text, path = (tmp_path / "scene.pbrt").read_text(), tmp_path / "scene.pbrt"
+    path.write_text(text, "utf-8-sig")
+    close(points(read_pbrt(path)), CORNERS + [1, 2, 3])
+    (tmp_path / "a.pbrt").write_text("Translate 1 2 3", "utf-16")
+    with pytest.raises(
+        PbrtError, match=r'scene\.pbrt:3: token "a\.pbrt": .*a\.pbrt is UTF-16 or binary; it must be text'
+    ):
+        read_pbrt(path)
+    path.write_text(text, "utf-16")
+    with pytest.raises(
+        PbrtError, match=r"scene\.pbrt:1: token at the beginning: the file is UTF-16 or binary; it must"
+    ):
+        read_pbrt(path)
 
 
 def test_errors_in_included_files_name_them(read, tmp_path):
@@ -830,7 +857,8 @@ def test_bad_input(read, tmp_path, text, line, message):
         ("WorldBegin\n" + TRIANGLE, ":3: token end of file: WorldEnd is missing"),
         ("WorldBegin\nWorldEnd\n", ":2: token WorldEnd: a scene needs at least one part"),
         ("WorldBegin\nTranslate 1", ":2: token end of file: Translate needs 3 numbers; got 1"),
-        ("\x00\x01\x7fELF", ":1: token \x00\x01\x7fELF: a directive is expected"),
+        ("\x00\x01\x7fELF", ":1: token at the beginning: the file is UTF-16 or binary; it must be text"),
+        ("\x01\x7fELF", ":1: token \x01\x7fELF: a directive is expected"),
     ],
 )
 def test_broken_files(tmp_path, text, message):
