@@ -132,6 +132,7 @@ f 1/1/1 2/2/1 3/1/1 4/2/1
 f 1//1 2//1 4//1
 usemtl lamp
 f -1 -2 -3
+USEMTL glass # of water
 f\t1 2 \\
   3 4
 """
@@ -145,8 +146,13 @@ map_Kd -s 2 2 -o .5 .5 image.png
 newmtl lamp
 Kd 0
 Ke 2 2 1
+map_Ke IMAGE.png
+Pr .3 # PBR
 d .5
 map_d image.png
+newmtl glass
+ILLUM 7
+Ni 1.3
 """
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.color import Rgb
-from dmis.base.named_files import named_file
+from dmis.base.named_files import found_file
 from dmis.base.validate import number
 from dmis.brdf.materials import Material, matte
 from dmis.brdf.texture import Image
@@ -91,11 +91,11 @@ class Model:
         return Mesh(mesh.vertices, mesh.faces[kept], mesh.normals, mesh.uv) if kept.any() else None
 
     def file(self, name: str) -> Path | None:
-        """Return the path of a file that this one names; None if there is none, which is counted as left out.
+        """Return the path of a file that this one names, see `found_file`; None, and counted, if there is none.
 
         Raises a ValueError if it is outside of the folder of the model, unless that is allowed.
         """
-        path = named_file(self.path.parent, name, None if self.outside else self.path.parent)
+        path = found_file(self.path.parent, name, None if self.outside else self.path.parent)
         self.unread[f"missing file {name[-60:]!r}"] += path is None
         return path
 

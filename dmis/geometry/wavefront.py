@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.text import decode
 from dmis.base.vectors import Floats
 from dmis.geometry.mesh import Ints, Mesh, flat_normals, repair_normals
 
@@ -35,7 +36,7 @@ def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
     ValueError if the file is not text, has no faces, or a line cannot be read; the message begins with its number.
     """
     lines = _lines(data)
-    heads = np.array([(line.lstrip()[:8].split() or [""])[0] for line in lines])
+    heads = np.array([(line.lstrip()[:8].lower().split() or [""])[0] for line in lines])
     if (unread := np.isin(heads, _UNREAD_STATEMENTS)).any():
         raise _fault(lines, int(np.argmax(unread)), "is not supported; export triangles, to one file")
     positions, coloured = _numbers(lines, heads, "v", 3, 3)
@@ -51,18 +52,19 @@ def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
     return meshes, libraries, coloured
 
 
+def uncommented(text: str) -> str:
+    """Return the text of an OBJ or MTL file without comments, which follow a blank or begin a line.
+
+    Names may hold numbers and colours, ``Material #25`` and ``#FF8000``, which stay.
+    """
+    return re.sub(r"(?m)^[ \t]*#.*$|[ \t]#(?![\dA-Fa-f]*\d|[\dA-F]{6}\b).*$", "", text)
+
+
 def _lines(data: bytes) -> list[str]:
     """Return the lines without comments; a line that others continue holds them all, each behind a vertical tab."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data:
-        raise ValueError("it is UTF-16 or binary; an OBJ file is text, save it as UTF-8")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:  # in comments and names
-        text = data.decode("latin-1")
-    text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\v", " ")
-    if "#" in text:  # whole lines, and behind numbers; a name may hold the sign
-        text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
-        text = re.sub(r"(?m)^([ \t]*[vf][^#\n]*)#.*$", r"\1", text)
+    text = uncommented(decode(data, "it").replace("\v", " "))
+    if "#" in text:  # behind numbers anything is a comment
+        text = re.sub(r"(?mi)^([ \t]*[vf][^#\n]*)#.*$", r"\1", text)
     return re.sub(r"\\[ \t]*\n", "\v", text).split("\n")
 
 

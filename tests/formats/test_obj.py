@@ -1,6 +1,7 @@
 """OBJ files with their MTL files: which material each triangle gets, and what is named as left out."""
 
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -155,6 +156,100 @@ def test_files_outside_of_the_folder(load, tmp_path):
         with pytest.raises(ValueError, match=r"is outside of the folder .* allowed .outside=True, --allow-outside"):
             dmis.load_scene(model / "a.obj")
         assert dmis.load_scene(model / "a.obj", outside=True).parts[0].material.name == "a"
+
+
+MTL, USES = "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n", "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n"
+COMMENTS = "newmtl a # red\nKd 1 0 0 # 255 0 0\n # no\nnewmtl b\t#\nKd 0 1 0#2\n"
+SIGNS = "newmtl C #FFCCDD\nKd 1 0 0\nnewmtl Material #2\nKd 0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    "mtl, obj",
+    [
+        ("NEWMTL a\nKD 1 0 0\nNewmtl b\nkd 0 1 0\n", "USEMTL a\nF 1 2 3\nUsemtl b\nF 1 2 3\n"),
+        (COMMENTS, "usemtl a # the first\nf 1 2 3 #1\nusemtl b #\nf 1 2 3\n"),
+        (SIGNS, USES.replace("mtl a", "mtl C #FFCCDD").replace("mtl b", "mtl Material #2 # b")),
+        ("\xef\xbb\xbf" + MTL, USES),
+        (MTL.replace("\n", "\r"), USES),
+        (MTL.replace("a\n", "Stra\xdfe\n"), USES.replace("a\n", "Stra\xdfe\n")),
+    ],
+)
+def test_spellings_and_comments(tmp_path, mtl, obj):
+    """Words in any case, comments behind anything, marks in front; numbers and colours are part of a name."""
+    (tmp_path / "a.mtl").write_text(mtl, "latin-1")
+    (tmp_path / "a.obj").write_text(f"MTLLIB a.mtl # by hand\n{CORNERS}{obj}", "latin-1")
+    scene = dmis.load_scene(tmp_path / "a.obj", (8, 8))
+    assert [part.material.lobes[0].reflectance for part in scene.parts[:2]] == [(1, 0, 0), (0, 1, 0)]
+    (tmp_path / "a.mtl").write_text(mtl, "utf-16")
+    with pytest.raises(ValueError, match=r"material file .*a\.mtl is UTF-16 or binary; .* save it as UTF-8"):
+        dmis.load_scene(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["C:\\Users\\me\\Textures\\Oak Wood.EXR", "/home/me/model/textures/oak wood.exr", "TEXTURES/OAK WOOD.EXR"]
+    + ["..\\textures\\oak wood.exr # brown", "D:oak wood.exr", "c:/old/[x]/leaf 2.exr"],
+)
+def test_files_that_another_machine_named(load, tmp_path, name):
+    """The longest end of the path that is in the folder of the model counts, in any case."""
+    texels = np.random.default_rng(1).random((2, 3, 3), np.float32)
+    (tmp_path / "textures").mkdir()
+    write_exr(tmp_path / "textures/oak wood.exr", {"RGB": texels})
+    write_exr(tmp_path / "oak wood.exr", {"RGB": texels / 2})
+    write_exr(tmp_path / "Leaf 2.exr", {"RGB": texels})
+    (lobe,) = lobes(load(f"newmtl a\nmap_Kd {name}\n", name="A.mtl", obj="mtllib x:\\y\\a.MTL\nusemtl a\n" + FACE))
+    np.testing.assert_allclose(lobe.reflectance.texels, texels[::-1] / (2 if name[:2] == "D:" else 1), rtol=1e-6)
+    (tmp_path / "Leaf 2.exr").unlink()
+    (tmp_path / "Leaf 2.exr").symlink_to(__file__)
+    with pytest.raises(ValueError, match="is outside of the folder"):
+        load("newmtl a\nmap_Kd leaf 2.exr\n")
+
+
+def test_lamps_of_images(load, tmp_path):
+    """Ke multiplies map_Ke, unless it is black; without texture coordinates there is no such lamp."""
+    texels = np.random.default_rng(1).random((2, 3, 3), np.float32)
+    write_exr(tmp_path / "glow.exr", {"RGB": texels})
+    for ke, factor in (("", 1), ("Ke 0 0 0\n", 1), ("Ke 4 2 1\n", [4, 2, 1])):
+        (light,) = load(f"newmtl a\n{ke}map_Ke glow.exr\n").lights[-1:]
+        np.testing.assert_allclose(light.radiance.texels, texels[::-1] * factor, rtol=1e-6)
+    with pytest.warns(SceneWarning, match="left out: map_Ke of triangles without texture coordinates$"):
+        assert load("newmtl a\nKe 1\nmap_Ke glow.exr\n", "usemtl a\nf 1 2 3\n").parts[0].light is None
+
+
+def test_roughness_and_metalness(load):
+    """As a glTF file of the same numbers; without Pr as rough as Ns says."""
+    for mtl, expected in (
+        ("Pr .3\nPm 1\nKs 1\n", {"metallic": 1, "roughness": 0.3}),
+        ("Pm .25\nNs 30\n", {"metallic": 0.25, "roughness": 0.5}),
+        ("Pr .6\nd .5\n", {"roughness": 0.6, "opacity": 0.5}),
+    ):
+        surface = dmis.metallic_roughness((0.8, 0.4, 0.2), **expected)
+        assert repr(lobes(load(f"newmtl a\nKd .8 .4 .2\n{mtl}"))) == repr(surface.lobes)
+
+
+def test_glass(load):
+    """illum 7 refracts: Tf is what it transmits, Ni its index; an image that it does without is named."""
+    for mtl, kt, eta in (("Ni 1.33\nTf .9 .8 2\nd .1\n", (0.9, 0.8, 1), 1.33), ("", (1, 1, 1), 1.5)):
+        reflection, refraction = lobes(load(f"newmtl a\nKd .01\nKs .95\nillum 7 # glass\n{mtl}"))
+        assert (refraction.transmittance, refraction.eta, reflection.fresnel.eta) == (kt, eta, eta)
+    with pytest.warns(SceneWarning, match="left out: map_Kd of glass$"):
+        load("newmtl a\nillum 7\nmap_Kd wood.png\n")
+
+
+def test_one_damaged_image_leaves_the_others(load, tmp_path, monkeypatch):
+    """What it should have coloured is grey; without its package no image can be read, which is an error."""
+    write_exr(tmp_path / "good.exr", {"RGB": np.full((1, 2, 3), (0.1, 0.2, 0.3), np.float32)})
+    (tmp_path / "bad.png").write_bytes(encode_png(np.zeros((9, 9, 3), np.uint8))[:60])
+    mtl = "newmtl a\nKd .8 .4 0\nmap_Kd bad.png\nmap_d bad.png\nnewmtl b\nmap_Kd good.exr\nnewmtl c\nmap_Kd x.png\n"
+    obj = "".join(f"usemtl {name}\n{FACE}" for name in "abc")
+    with pytest.warns(SceneWarning, match=r"left out: damaged image: cannot read .*bad\.png as PNG: .*'x\.png'$"):
+        scene = load(mtl, obj)
+    grey, good, missing = (lobes(scene, k)[0].reflectance for k in range(3))
+    assert grey == (0.4, 0.2, 0) and missing == (0.5,) * 3 and scene.parts[0].mask is None
+    np.testing.assert_allclose(good.texels[0, 0], [0.1, 0.2, 0.3])
+    monkeypatch.setitem(sys.modules, "OpenImageIO", None)
+    with pytest.raises(ValueError, match=r"reading PNG needs OpenImageIO.*dmis\[images\]"):
+        load(mtl, obj)
 
 
 def test_masks_and_lamps_stay_under_another_material(load, tmp_path):

@@ -67,6 +67,7 @@ def test_relative_indices_in_every_form(tmp_path, face):
         QUAD + "f 1 2 \\\r\n 3 \\\r\n 4\n",
         QUAD + "f \\\n1 2 3 4",
         QUAD + "# C:\\scenes\\\nf 1 2 3 4\n",
+        QUAD.replace("v", "V") + "VT 0 0\nVn 0 0 1 # up\nF 1/1/1 2/1/1 3/1/1 4/1/1#1\n",
         QUAD.replace("1 1 0", "1 1 0 # corner") + "f 1 2 3 4 # all\n",
         (QUAD + "f 1 2 3 4\n").replace("\n", "\r"),
         (QUAD + "f 1 2 3 4\n").replace("\n", "\r\n"),
@@ -141,7 +142,7 @@ def test_names_and_comments_in_either_encoding(tmp_path, text, encoding):
         (QUAD + "f 1 2 3\nsurf 0 1 0 1 1 2 3 4\n", "line 6: 'surf 0 1 0 1 1 2 3 4' is not supported; export triangles"),
         (QUAD + "p 1 2\nl 3 4\n", "it has no faces, lines such as 'f 1 2 3'"),
         ("f 1 2 3\n", "line 1: 'f 1 2 3' has the vertex 1, but there are 0"),
-        ((QUAD + "f 1 2 3").encode("utf-16"), "it is UTF-16 or binary; an OBJ file is text, save it as UTF-8"),
+        ((QUAD + "f 1 2 3").encode("utf-16"), "it is UTF-16 or binary; it must be text, save it as UTF-8"),
         ((QUAD + "f 1 2 3").encode("utf-16-le"), "it is UTF-16 or binary"),
     ],
 )
