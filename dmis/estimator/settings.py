@@ -93,8 +93,9 @@ class Settings:
         `dmis.samplers`. ``auto``: ``sobol``.
     reuse_pilot
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
-        if the final samples are independent, as the pilot's are; among low-discrepancy ones a few independent ones
-        cost more than they bring.
+        if the final samples are independent, as the pilot's are, and no pilot has a technique alone: among
+        low-discrepancy ones a few independent ones cost more than they bring, and w = 0 or 1 may have many times the
+        error of a mixture.
     compensation
         Share of the light samples of a sky, in [0, 1), that are drawn in proportion to what exceeds its mean radiance
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the

@@ -64,6 +64,8 @@ class Round:
         Whether the film brings feature buffers, see `dmis.scene.feature_buffers`.
     maps
         Diagnostics of the rule, for `dmis.pipeline.result.Result.maps`.
+
+    A ValueError if shares or tilt are not shares of the techniques, or a number of samples is not whole, or negative.
     """
 
     spp: Array | int
@@ -80,8 +82,18 @@ class Round:
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        techniques = len(self.settings.techniques)
+        _check_shares("shares of a round", self.shares, techniques)
         if self.tilt is not None:
             check_weigh("heuristic", self.settings.combiner)
+            _check_shares("tilt of a round", self.tilt, techniques)
+        for name, values in (("spp", self.spp), ("begin", self.begin), ("image_weight", self.image_weight)):
+            values = np.asarray(values)
+            if values.dtype.kind not in "iu" or values.min(initial=0) < 0:
+                raise ValueError(
+                    f"{name} of a round must be whole numbers of at least 0, because it counts camera samples; got "
+                    f"{values.min():g} of {values.dtype}. fit.sample_numbers.whole_samples makes whole numbers"
+                )
 
     def of_area(self, area: tuple[slice, slice]) -> Round:
         """Return the round of the pixels of an area of the image, as views; without `before` and `maps`."""
@@ -278,35 +290,42 @@ def pilot_settings(settings: Settings, paired: bool) -> Settings:
 
 
 def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
-    """Raise a ValueError unless a rule's fit has shares of so many `techniques`, and samples, for an image of `shape`.
-
-    A NaN, such as the ratio of two variances that are 0, or a share outside [0, 1] would not stop the render, but make
-    the image wrong; so would negative numbers of samples.
-    """
+    """Raise a ValueError unless a fit has shares of so many `techniques`, and samples, for an image of `shape`."""
     if not isinstance(fit, Fit):
         raise ValueError(f"a rule's fit must be a dmis.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)")
-    weight = np.asarray(fit.weight, np.float64)
+    weight = np.asarray(fit.weight)
     allowed = [*([(), shape] if techniques == 2 else []), (techniques,), (techniques, *shape)]
     if weight.shape not in allowed:
         raise ValueError(
             f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
             f"for each pixel (height, width); got {weight.shape}"
         )
-    inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
-    if not inside.all():
-        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
-        got = f"{weight[~inside][0]:g}{where}"
-        raise ValueError(f"a rule's weight must be in [0, 1], a share of the samples; got {got}")
-    if np.abs(fit.shares.sum(axis=0) - 1).max() > 1e-3:
-        raise ValueError(
-            f"a rule's weights must add up to 1 over the techniques, because they divide samples; got sums from "
-            f"{fit.shares.sum(axis=0).min():g} to {fit.shares.sum(axis=0).max():g}"
-        )
+    _check_shares("a rule's weight", fit.shares, techniques)
     samples = np.ones(shape) if fit.samples is None else np.asarray(fit.samples)
     if samples.shape != shape or not (np.isfinite(samples).all() and (samples > 0).all()):
         raise ValueError(
             f"a rule's samples must be positive, finite, and of shape {shape}, because every pixel needs some; got "
             f"shape {samples.shape} from {samples.min():g} to {samples.max():g}"
+        )
+
+
+def _check_shares(name: str, shares: Array, techniques: int) -> None:
+    """Raise a ValueError unless `shares` ``(K, ...)`` of so many `techniques` are in [0, 1] and add up to 1.
+
+    A NaN, such as the ratio of two variances that are 0, or other shares would not stop the render, but make the image
+    wrong.
+    """
+    if len(shares) != techniques:
+        raise ValueError(f"{name} must be ({techniques}, ...), one for each technique; got shape {np.shape(shares)}")
+    inside = (shares >= -_ROUNDING) & (shares <= 1 + _ROUNDING)
+    if not inside.all():
+        where = f" in {np.sum(~inside.all(axis=0)):,} of {shares[0].size:,} pixels" if shares.ndim > 1 else ""
+        raise ValueError(f"{name} must be in [0, 1], a share of the samples; got {shares[~inside][0]:g}{where}")
+    sums = shares.sum(axis=0)
+    if np.abs(sums - 1).max() > 1e-3:
+        raise ValueError(
+            f"{name} must add up to 1 over the techniques, because shares divide samples; got sums from "
+            f"{sums.min():g} to {sums.max():g}"
         )
 
 

@@ -12,6 +12,8 @@ from functools import cached_property
 from typing import Any
 from warnings import warn
 
+import numpy as np
+
 from dmis import __version__
 from dmis.base.validate import whole
 from dmis.estimator.presets import PRESETS
@@ -140,7 +142,9 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, s
     if reason := rule.fallback(spp):
         notes, rule = {"fallback": reason}, _equal_shares(settings)
     if settings.reuse_pilot is None:
-        settings = replace(settings, reuse_pilot=settings.sampler == "independent")
+        # a pilot of one technique alone may have many times the error of a mixture
+        mixed = all(0 < share < 1 for weight in rule.pilot for share in np.ravel(weight))
+        settings = replace(settings, reuse_pilot=mixed and settings.sampler == "independent")
     if settings.compensation is None:
         settings = replace(settings, compensation=0 if rule.statistic is None else LEARNED_COMPENSATION)
     techniques = settings.techniques

@@ -108,7 +108,8 @@ def test_rounds_of_an_area_keep_their_tilt() -> None:
     area = round_.of_area((slice(0, 2), slice(2, 6))).in_row_order()
     np.testing.assert_array_equal(area.tilt, tilt[:, :2, 2:6].reshape(2, -1))
     assert area.shares.shape == (2, 1)
-    assert replace(round_, tilt=np.ones((2, 6, 8), np.float32)).in_row_order().tilt.shape == (2, 1)
+    even = np.full((2, 6, 8), 0.5, np.float32)
+    assert replace(round_, tilt=even).in_row_order().tilt.shape == (2, 1)
 
 
 def test_curves_of_a_disk() -> None:

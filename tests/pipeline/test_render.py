@@ -39,8 +39,8 @@ def test_tiles_cover_every_pixel_once(spp):
 
 def test_tiles_have_the_maps_of_their_pixels():
     """Samples and shares of a tile are those of its rows and columns; equal shares become one column."""
-    rng, settings = np.random.default_rng(1), dmis.Settings()
-    spp, shares = rng.integers(1, 9, (40, 50)), rng.random((3, 40, 50))
+    rng, settings = np.random.default_rng(1), dmis.Settings(techniques=("light", "brdf", "uniform"))
+    spp, shares = rng.integers(1, 9, (40, 50)), rng.dirichlet((1, 1, 1), (40, 50)).transpose(2, 0, 1)
     patterns = PatternMap(((1, 1),), rng.integers(0, 9, (40, 50)), (1, 1), rng.integers(0, 4, (3, 40, 50)))
     for tile in make_tiles((50, 40), 1, 0, Round(spp, shares, settings, patterns=patterns)):
         area = slice(*tile.rows), slice(*tile.columns)
@@ -340,7 +340,7 @@ def test_a_rule_may_carry_its_sampler_and_combiner(box):
     [
         (Fit(1.5), "weight must be in .0, 1., a share of the samples; got 1.5$"),
         (Fit(np.nan), "got nan"),
-        (Fit(np.where(np.arange(32) < 8, np.nan, 0.5) * np.ones((24, 1))), "got nan in 192 of 768 values"),
+        (Fit(np.where(np.arange(32) < 8, np.nan, 0.5) * np.ones((24, 1))), "got nan in 192 of 768 pixels"),
         (Fit(np.full((23, 32), 0.5)), r"weight must be of shape \(\), \(24, 32\), "),
         (Fit(np.full((24, 32, 3), 0.5)), "got .24, 32, 3."),
         (Fit(np.full((3, 24, 32), 1 / 3)), r"\(24, 32\), \(2,\) or \(2, 24, 32\), .*got .3, 24, 32."),
@@ -371,3 +371,15 @@ def test_settings_without_a_rule(box):
     found = dmis.render(box, None, 8, settings=settings)
     assert found.provenance["combiner"] == "maximum"
     assert same(found, dmis.render(box, Fixed(0.5, "maximum", ("uniform", "brdf")), 8))
+
+
+@pytest.mark.parametrize(("weight", "reused"), [(0.0, False), (1.0, False), (0.2, True)])
+def test_a_pilot_of_one_technique_is_in_the_image_on_request_only(box, weight, reused):
+    """At w = 0 or 1 a few samples may have most of the error."""
+
+    rule = type("Piloted", (dmis.Rule,), {"pilot": {weight: 2}, "fit": lambda self, pilot: Fit(0.5)})()
+    settings = dmis.Settings(sampler="independent")
+    result = dmis.render(box, rule, 8, settings=settings)
+    assert result.provenance["settings"]["reuse_pilot"] is reused
+    asked = dmis.render(box, rule, 8, settings=replace(settings, reuse_pilot=True))
+    assert same(asked, result) is reused

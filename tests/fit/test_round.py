@@ -1,0 +1,62 @@
+"""Rounds refuse what would make the image wrong without a word."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.estimator.allocation import shares_of
+from dmis.fit.round import Round
+
+HALF = np.array([0.5, 0.5], np.float32)
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ({"shares": np.array([0.9, 0.9])}, "shares of a round must add up to 1 over the techniques"),
+        ({"shares": np.array([1.2, -0.2])}, "shares of a round must be in [0, 1], a share of the samples; got 1.2"),
+        ({"shares": np.array([np.nan, 0.5])}, "got nan"),
+        ({"shares": np.stack([np.eye(3), 2 - np.eye(3)])}, "got 2 in 6 of 9 pixels"),
+        (
+            {"shares": np.array([0.2, 0.3, 0.5])},
+            "shares of a round must be (2, ...), one for each technique; got shape (3,)",
+        ),
+        ({"tilt": np.array([0.3, 0.3])}, "tilt of a round must add up to 1"),
+        ({"tilt": HALF, "settings": dmis.Settings(combiner="power")}, "weigh=heuristic needs combiner balance"),
+        ({"spp": -1}, "spp of a round must be whole numbers of at least 0"),
+        ({"spp": np.full((3, 3), 2.5)}, "it counts camera samples; got 2.5 of float64"),
+        ({"begin": np.array([[3, -2]])}, "begin of a round must be whole numbers of at least 0"),
+        ({"image_weight": 0.5}, "image_weight of a round must be whole numbers"),
+    ],
+)
+def test_wrong_rounds_are_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        Round(**{"spp": 4, "shares": HALF, "settings": dmis.Settings(), **values})
+
+
+def test_right_rounds_are_not() -> None:
+    """Shares of the image, of its pixels, and those that float32 rounds."""
+    for w in (0.0, 1.0, np.linspace(0, 1, 12).reshape(3, 4), np.array([0.1, 0.2, 0.7])):
+        shares = shares_of(w)
+        techniques = ("light", "brdf", "uniform")[: len(shares)]
+        round_ = Round(np.ones((3, 4), int), shares, dmis.Settings(techniques=techniques), tilt=shares)
+        assert round_.in_row_order().shares.shape[0] == len(shares)
+
+
+def test_the_round_of_a_rule_is_refused(box: dmis.Scene) -> None:
+    """A rule that divides samples by shares of sum 1.8: the image would be 2 % darker."""
+
+    class Over(dmis.Rule):
+        def rounds(self, budget: Any) -> Any:
+            yield replace(budget.final(dmis.Fit(0.5)), shares=np.array([0.9, 0.9], np.float32))
+
+    with pytest.raises(ValueError, match=r"add up to 1 over the techniques, .*; got sums from 1.8 to 1.8"):
+        dmis.render(box, Over(), 4)
+    (found,) = {outcome.message for outcome in dmis.check_rule(Over()) if not outcome.passed}
+    assert "shares of a round must add up to 1" in found
