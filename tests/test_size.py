@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_250, "tests": 27_980}
+LINES = {"dmis": 27_100, "tests": 27_830}
 """Lines of Python files."""
-WORDS = 43_500
+WORDS = 43_300
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""

@@ -109,18 +109,9 @@ class Image:
         object.__setattr__(self, "texels", table[1:-1, 1:-1, :channels])  # large images are kept once
         return table.reshape(-1, table.shape[2])
 
-    @cached_property
-    def levels(self) -> list[Image]:
-        """The image, then at half the size, a quarter and so on to one texel: each texel is a mean, see `halved`."""
-        levels = [self]
-        while max(levels[-1].texels.shape[:2]) > 1:
-            texels = halved(halved(levels[-1].texels).swapaxes(0, 1)).swapaxes(0, 1)
-            levels.append(replace(self, texels=texels, nearest=False))
-        return levels
-
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields, which are pickled; tables of texels are made again."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_rows", "levels")}
+        return {name: value for name, value in self.__dict__.items() if name != "_rows"}
 
     def __call__(self, uv: Array) -> Array:
         """Return values ``(C, N)`` at coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
@@ -158,14 +149,6 @@ def _folded(x: Array, wrap: Wrap) -> Array:
     if wrap == "mirror":
         return 1 - np.abs(x - 2 * np.floor(x / 2) - 1)
     return x - np.floor(x) if wrap == "repeat" else x
-
-
-def halved(texels: Array) -> Array:
-    """Return means over two rows of ``(H, W, C)`` texels, ``((H + 1) // 2, W, C)``; of an odd number, over less."""
-    edges = np.linspace(0, len(texels), (len(texels) + 1) // 2 + 1)
-    below = np.minimum(edges.astype(int), len(texels) - 1)
-    sums = np.cumsum(np.concatenate([np.zeros_like(texels[:1]), texels]), axis=0, dtype=float)[below]
-    return np.diff(sums + (edges - below)[:, None, None] * texels[below], axis=0) / edges[1]
 
 
 def image_of_data(name: str, value: Any) -> Image:

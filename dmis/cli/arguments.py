@@ -122,9 +122,6 @@ SCENE = {
     "--fov": _option(
         "angle of the camera of a model across the shorter side of the image, in degrees", float, metavar="F"
     ),
-    "--filter-textures": _option(
-        "average images over N pixels where the camera sees them: less noise, more blur", POSITIVE, metavar="N"
-    ),
     "--light": _option("sky of a model, for its lights but surfaces: an image file, or 'R G B'", metavar="SKY"),
     "--material": _option(
         "material that replaces all materials of a model, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'",

@@ -7,7 +7,7 @@ import inspect
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import fields, replace
+from dataclasses import fields
 from importlib.util import find_spec
 from typing import Any
 
@@ -46,10 +46,7 @@ def load(options: argparse.Namespace) -> Scene:
     if options.material is not None:
         more["material"] = read_material(options.material)
     more |= {"dialect": options.dialect, "outside": options.allow_outside, "up": options.up}
-    scene = load_scene(options.scene, options.resolution, **more)
-    if not options.filter_textures:
-        return scene
-    return replace(scene, camera=replace(scene.camera, texture_filter=options.filter_textures))
+    return load_scene(options.scene, options.resolution, **more)
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:

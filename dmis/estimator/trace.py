@@ -77,7 +77,7 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
         if not emits and (last or not group.reflects):
             continue
         for index in point_chunks(indices(group_of == number), len(group_of)):
-            surface, emission = scene.shading_points(group, hits, index, rays.direction, not rays.depth)
+            surface, emission = scene.shading_points(group, hits, index, rays.direction)
             sample, throughput = compose(rays.sample, index), take_optional(rays.throughput, index)
             # L_o = L_e + integral of f   (docs/theory.md, Eq. 1)
             out = np.zeros(surface.wo.shape, np.float32)

@@ -43,9 +43,6 @@ class Camera:
         Of a thin lens, in units of camera space; 0 is a pinhole. A spherical camera has none.
     focal_distance
         Depth along z, in units of camera space, at which a lens is sharp.
-    texture_filter
-        Over how many pixels images of materials are averaged where camera rays meet them; 0: they are not. It trades
-        noise for blur, see docs/does-not-pay.md. A spherical camera has none.
     """
 
     to_world: Array
@@ -57,7 +54,6 @@ class Camera:
     projection: Literal["perspective", "orthographic", "spherical"] = "perspective"
     lens_radius: float = 0.0
     focal_distance: float = 1.0
-    texture_filter: float = 0.0
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.to_world, float)
@@ -72,10 +68,8 @@ class Camera:
         one_of("projection", self.projection, ("perspective", "orthographic", "spherical"))
         number("lens_radius", self.lens_radius, 0, FARTHEST)
         number("focal_distance", self.focal_distance, 1 / FARTHEST, FARTHEST)
-        number("texture_filter", self.texture_filter, 0, FARTHEST)
-        for name in ("lens_radius", "texture_filter"):
-            if getattr(self, name) and self.projection == "spherical":
-                raise ValueError(f"{name} must be 0 for a spherical camera; got {getattr(self, name)}")
+        if self.lens_radius and self.projection == "spherical":
+            raise ValueError(f"lens_radius must be 0 for a spherical camera; got {self.lens_radius}")
         for name in ("resolution", "corner") if self.frame is None else ("resolution", "corner", "frame"):
             object.__setattr__(self, name, pair(name, getattr(self, name), whole))
         width, height = self.resolution

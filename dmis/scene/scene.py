@@ -7,18 +7,16 @@ What the scene needs is worked out once by `dmis.scene.plan`; hits become surfac
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from operator import methodcaller
 from typing import Any
 
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, Index, Selection, columns, dot, normalise, take
-from dmis.brdf.mipmap import averaged
-from dmis.brdf.texture import Image
 from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, RayCaster
 from dmis.light.light import Light, check_light_form
@@ -26,7 +24,6 @@ from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts
-from dmis.scene.footprint import texture_steps
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.masks import make_caster
 from dmis.scene.plan import Plan, textures
@@ -263,8 +260,7 @@ class Scene:
                 _ = self.tables.normals
             if group.textured:
                 _ = self.tables.uv
-            anisotropic, averaged_over = group.anisotropic and group.tangent is None, self.camera.texture_filter
-            if group.relief is not None or anisotropic or (group.textured and averaged_over):
+            if group.relief is not None or (group.anisotropic and group.tangent is None):
                 _ = self.tables.tangents
 
     @cached_property
@@ -273,7 +269,7 @@ class Scene:
         return Tables(self.parts)
 
     def shading_points(
-        self, group: Group, hits: Hits, index: Selection | None, direction: Array, from_camera: bool = False
+        self, group: Group, hits: Hits, index: Selection | None, direction: Array
     ) -> tuple[ShadingPoints, Array | None]:
         """Return the shading points of the hits `index` (None: all), all of `group`, and what they emit.
 
@@ -281,8 +277,6 @@ class Scene:
         ----------
         direction
             Unit directions of the rays that hit, ``(3, N)``, of all hits.
-        from_camera
-            Whether they are the camera's, see `Camera.texture_filter`.
 
         Returns
         -------
@@ -309,7 +303,7 @@ class Scene:
         dpdu = columns(self.tables.tangents[0], prim) if group.anisotropic and group.tangent is None else group.tangent
         lobes = {kind: getattr(group, kind) for kind in ("reflection", "transmission", "delta")}
         if row is not None or uv is not None:  # parameters differ from point to point
-            look_up = self._look_up(uv, prim, p, ng, from_camera)
+            look_up = methodcaller("__call__", uv)  # the value of an image
             lobes = {kind: tuple(bind(lobe, row, look_up) for lobe in unbound) for kind, unbound in lobes.items()}
         points = ShadingPoints(
             p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=epsilon, **lobes
@@ -327,15 +321,6 @@ class Scene:
         """Return interpolated texture coordinates ``(2, N)`` at points of triangles."""
         rows = columns(self.tables.uv, prim)
         return rows[2:4] * u + rows[4:6] * v + rows[:2]
-
-    def _look_up(
-        self, uv: Array | None, prim: Index, p: Array, ng: Array, from_camera: bool
-    ) -> Callable[[Image], Array]:
-        """Return what gives the values of images at points of triangles."""
-        if uv is None or not (from_camera and self.camera.texture_filter):
-            return methodcaller("__call__", uv)
-        tangents = (columns(tangent, prim) for tangent in self.tables.tangents)
-        return partial(averaged, uv=uv, steps=texture_steps(self.camera, p, ng, *tangents))
 
     def _shading_normals(self, group: Group, prim: Index, u: Array, v: Array, wo: Array) -> tuple[Array, Array]:
         """Return unit shading normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""

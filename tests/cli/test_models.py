@@ -38,14 +38,6 @@ def test_a_model_alone(tmp_path, ball, capsys):
     assert "from (-1, -1, -1) to (1, 1, 1), y is up" in about
 
 
-def test_filtered_textures(tmp_path, ball):
-    """The option is a camera's; without images it changes no bit."""
-    plain, filtered = (image_of(tmp_path, ball, *more)[0] for more in ((), ("--filter-textures", "1")))
-    np.testing.assert_array_equal(plain, filtered)
-    with pytest.raises(SystemExit):
-        main(["render", ball, "--filter-textures", "0", "-o", str(tmp_path / "a.exr")])
-
-
 def test_camera_sky_and_material(tmp_path, ball):
     """A white ball under an even sky has the sky's colour; the camera sees what it looks at."""
     words = [
