@@ -11,10 +11,13 @@ import trimesh
 from helpers import Z_LIMIT, results_z, tile_of
 
 import dmis
+from dmis.base.vectors import dot
 from dmis.brdf.diffuse import LambertTransmission
 from dmis.brdf.materials import Material
+from dmis.brdf.specular import SpecularTransmission
+from dmis.estimator.path import scatter
 from dmis.light.delta import DistantLight
-from dmis.testing.scenes import EVEN_SKY, FLOOR, TURNED, box_scene
+from dmis.testing.scenes import EVEN_SKY, FLOOR, TURNED, box_scene, surface
 
 SKY = dmis.EnvironmentLight(0.2 + np.random.default_rng(1).random((8, 16, 3)) ** 2)
 ROUGH = np.random.default_rng(2).random((16, 16, 1))
@@ -95,3 +98,16 @@ def test_a_mirror_sends_nothing_into_its_surface(degrees: float, expected: float
     scene = box_scene(dmis.mirror(0.9), (EVEN_SKY,), eye=(0, -0.1, 3), fov=1, floor=leaning(degrees))
     image = dmis.render(scene, "balance", 4, integrator=integrator).image
     np.testing.assert_allclose(image, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("degrees", [0, 40, 90, 127, -50])
+def test_delta_lobes_leave_on_their_side(degrees: float) -> None:
+    """Factors are 0 unless wi is on the side of the triangle on which the lobe sends light."""
+    angle = np.radians(degrees)
+    for material in (dmis.mirror(0.9), dmis.Material((SpecularTransmission(1.0),))):
+        points = surface(material, (0, 0.97, np.sqrt(1 - 0.97**2)))  # a low viewer, towards whom or away n leans
+        n = np.array([[0], [np.sin(angle)], [np.cos(angle)]], np.float32)
+        points.n = n * np.copysign(np.float32(1), dot(n, points.wo))
+        points.cos_o = dot(points.n, points.wo)
+        _, wi, factor = scatter(points, lobe := points.delta[0])
+        assert (factor > 0).all() == ((wi[2, 0] < 0) == lobe.transmissive)
