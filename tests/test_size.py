@@ -16,7 +16,7 @@ import count_lines  # noqa: E402
 
 LINES = {"dmis": 27_100, "tests": 27_830}
 """Lines of Python files."""
-WORDS = 43_300
+WORDS = 43_350
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""

@@ -70,7 +70,7 @@ def render(options: argparse.Namespace) -> int:
         say(f"  {describe(scene)}", *_time_and_rays(result))
     elif not options.quiet and "added" in scene.source:
         say(f"  added to the file: {'; '.join(scene.source['added'])}")
-    if not options.quiet and not options.verbose and "lit" in scene.source:
+    if not options.quiet and not options.verbose and "lit" in scene.source and options.light is None:
         say(f"  lit by {scene.source['lit']}")
     return 0
 
@@ -85,8 +85,9 @@ def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> floa
     bright = float(np.quantile(result.image @ LUMINANCE, 0.95)) if scene.source.get("lit") else 0.0
     exposure = EXPOSED / bright if bright > 0 else 1.0
     if exposure > MAX_EXPOSURE:
-        text = f"exposure {exposure:.3g} of the preview: lit by {scene.source['lit']}, the model is nearly black"
-        warnings.warn(SceneWarning(f"{text}. Give it a sky (--light), or set --exposure"), stacklevel=2)
+        by, sky = (f"{scene.source['lit']}", "Give it a sky") if options.light is None else ("this sky", "Brighten it")
+        text = f"exposure {exposure:.3g} of the preview: lit by {by}, the model is nearly black"
+        warnings.warn(SceneWarning(f"{text}. {sky} (--light), or set --exposure"), stacklevel=2)
     return exposure
 
 

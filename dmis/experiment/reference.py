@@ -223,15 +223,15 @@ def from_cache(path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[
     except Exception as error:  # a damaged archive may raise anything
         raise ValueError(f"{kind} {path} is damaged ({error}); remove it, and it is rendered again") from error
     if stored is not None:
-        check_key(f"{kind} {path}", stored, key)
+        check_key(f"{kind} {path}", stored, key, "Remove it, and it is rendered again")
     return None if stored is None else content
 
 
-def check_key(file: str, stored: str, key: Mapping[str, Any]) -> None:
-    """Raise a ValueError unless the key that a file has `stored`, as JSON, has all values of `key`."""
+def check_key(file: str, stored: str, key: Mapping[str, Any], advice: str) -> None:
+    """Raise a ValueError that ends with `advice` unless the key `stored` in a file, JSON, has all values of `key`."""
     there, here = json.loads(stored), json.loads(json.dumps(key))
     if differences := [f"{name} is {there.get(name)}, not {v}" for name, v in here.items() if there.get(name) != v]:
-        raise ValueError(f"{file} is of something else: {'; '.join(differences)}. Remove it, and it is rendered again")
+        raise ValueError(f"{file} is of something else: {'; '.join(differences)}. {advice}")
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
@@ -258,7 +258,8 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
     else:
         layers, attributes = read_exr(path)
         if scene is not None and KEY in attributes:
-            check_key(f"reference {path}", attributes[KEY], expected_image_key(scene, settings or Settings()))
+            advice = f"Give a reference of scene {scene.name}, or none, and it is rendered"
+            check_key(f"reference {path}", attributes[KEY], expected_image_key(scene, settings or Settings()), advice)
     first = layers.get("first", layers.get("RGB"))
     second = layers.get("second", first)
     for half in (first, second):

@@ -161,7 +161,7 @@ def _renders(
 ) -> Generator[tuple[Result, float], None, None]:
     """Yield the result of each turn, in their order, and its CPU seconds.
 
-    Workers have no rules but those that are shipped, so that whole renders with others are not theirs.
+    Rules that a script registers may be missing at workers, so with rules that are not shipped images are divided.
     """
     settings, processes = make_settings(**options), worker_processes(parallel)
     scene.in_float32[0].prepare()  # now, so that it is not part of the CPU seconds of the first run

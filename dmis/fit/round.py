@@ -83,17 +83,19 @@ class Round:
 
     def __post_init__(self) -> None:
         techniques = len(self.settings.techniques)
+        object.__setattr__(self, "shares", np.asarray(self.shares))
         _check_shares("shares of a round", self.shares, techniques)
         if self.tilt is not None:
             check_weigh("heuristic", self.settings.combiner)
+            object.__setattr__(self, "tilt", np.asarray(self.tilt))
             _check_shares("tilt of a round", self.tilt, techniques)
         for name, values in (("spp", self.spp), ("begin", self.begin), ("image_weight", self.image_weight)):
             values = np.asarray(values)
-            if values.dtype.kind not in "iu" or values.min(initial=0) < 0:
-                raise ValueError(
-                    f"{name} of a round must be whole numbers of at least 0, because it counts camera samples; got "
-                    f"{values.min():g} of {values.dtype}. fit.sample_numbers.whole_samples makes whole numbers"
-                )
+            if values.dtype.kind not in "iu":
+                whole_numbers = "Make it whole by dmis.fit.sample_numbers.whole_samples"
+                raise ValueError(f"{name} of a round must be whole; got {values.flat[0]:g}. {whole_numbers}")
+            if values.min(initial=0) < 0:
+                raise ValueError(f"{name} of a round must not be negative; got {values.min()}")
 
     def of_area(self, area: tuple[slice, slice]) -> Round:
         """Return the round of the pixels of an area of the image, as views; without `before` and `maps`."""
@@ -315,8 +317,8 @@ def _check_shares(name: str, shares: Array, techniques: int) -> None:
     A NaN, such as the ratio of two variances that are 0, or other shares would not stop the render, but make the image
     wrong.
     """
-    if len(shares) != techniques:
-        raise ValueError(f"{name} must be ({techniques}, ...), one for each technique; got shape {np.shape(shares)}")
+    if shares.ndim == 0 or len(shares) != techniques:
+        raise ValueError(f"{name} must be ({techniques}, ...), one for each technique; got shape {shares.shape}")
     inside = (shares >= -_ROUNDING) & (shares <= 1 + _ROUNDING)
     if not inside.all():
         where = f" in {np.sum(~inside.all(axis=0)):,} of {shares[0].size:,} pixels" if shares.ndim > 1 else ""

@@ -29,7 +29,7 @@ LEAST_LIT = 0.1
 
 
 def without_overlaps(model: Model, parts: list[Part], camera: Camera) -> tuple[list[Part], float]:
-    """Return the parts, without lights that overlap those of earlier parts, and the share of the image that all light.
+    """Return the parts, later ones of overlapping lamps without emission, and the share of the image that all light.
 
     Emission that is lost is counted as left out of the model.
     """
@@ -78,6 +78,6 @@ def lit_share(scene: Scene) -> float:
     batch = Batch(scene, scene.intersector, settings, sampler, rng, shares, Counts((settings.shading_samples // 2,)))
     emits = np.repeat([part.light is not None for part in scene.parts], [part.mesh.triangles for part in scene.parts])
     prim = scene.intersector.closest(origin, direction).prim
-    seen = radiance(batch, origin, direction).max(axis=0) * ~((prim >= 0) & emits[prim])
+    reflected = radiance(batch, origin, direction).max(axis=0) * ~((prim >= 0) & emits[prim])
     largest = max(light.brightness(1.0) for light in scene.lights)
-    return float((seen.reshape(SPP, places).mean(axis=0) > LIT * largest).mean())
+    return float((reflected.reshape(SPP, places).mean(axis=0) > LIT * largest).mean())

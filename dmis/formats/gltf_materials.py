@@ -30,6 +30,11 @@ _WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 _NEAREST = 9728
 
 
+def _wrap(sampler: Mapping[str, Any], axis: str) -> Wrap:
+    """Return how an image goes on along an axis; it repeats, as by default, if the number is none of glTF's."""
+    return _WRAPS.get(sampler.get(axis, 10497), "repeat")
+
+
 def _place(info: Mapping[str, Any]) -> tuple[int, float, Any, Any]:
     """Return the set of coordinates of a texture, and its rotation, scale and offset."""
     place = info.get("extensions", {}).get("KHR_texture_transform", {})
@@ -162,7 +167,7 @@ class Materials:
             self.leave_out(f"missing file {unquote(uri)[-60:]!r}", uri)
             return None
         sampler = self._gltf.json["samplers"][texture["sampler"]] if "sampler" in texture else {}
-        wrap = _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
+        wrap = _wrap(sampler, "wrapS"), _wrap(sampler, "wrapT")
         if rotation:  # `coordinates` scales
             s = t = 1
         pixels = self._pixels(texture["source"])[::-1]

@@ -133,9 +133,9 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         camera = replace(camera, resolution=resolution)
     parts, share = without_overlaps(model, parts, camera)
     lamps = [part.light for part in parts if part.light is not None]
-    own = [light for light in model.lights if light.mesh() is None]
+    file_lights = [light for light in model.lights if light.mesh() is None]
     lit = f"its emission, which reaches {share:.0%} of the image" if share >= LEAST_LIT else ""
-    lit = "its lights" if own else lit
+    lit = "its lights" if file_lights else lit
     if model.flat:
         total = model.flat + sum(part.mesh.triangles for part in parts)
         text = f"{model.path}: {model.flat:,} of {total:,} triangles have no area and are left out"
@@ -144,7 +144,7 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
     if unread:
         warnings.warn(SceneWarning(f"{model.path}: left out: {', '.join(unread)}"), stacklevel=3)  # of load_scene
     if lights is None and lit:
-        lights = own
+        lights = file_lights
     elif lights is None:
         lights = default_lights(camera, low, high, axis if model.path.suffix.lower() in Y_UP else None)
         why = f"its emission reaches only {share:.1%} of the image" if lamps else "it has no lights"

@@ -60,7 +60,7 @@ class Scene:
         What the scene's file asks for: integrator and depth.
     source
         How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are left out,
-        ``added``, of what it lacks, ``cameras``, ``lit``, by what of it; of a pbrt file ``dialect``
+        ``added``, of what it lacks, ``cameras``, ``lit``, what of the file lights it; of a pbrt file ``dialect``
         and ``dialect_from``, ``file`` (its words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
 
     Raises

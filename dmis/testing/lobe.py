@@ -19,7 +19,7 @@ from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.density import QUADRATURE, DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, GRAZING, check_unit, check_values, view_checks
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
-from dmis.testing.scenes import ABOVE, BELOW, EVEN_SKY, TECHNIQUES_ALONE, TURNED, box_scene, compare_means
+from dmis.testing.scenes import ABOVE, BELOW, TECHNIQUES_ALONE, TURNED, UNIFORM_SKY, box_scene, compare_means
 from dmis.testing.sphere import polar, uniforms
 from dmis.testing.statistics import level, z_limit
 
@@ -186,7 +186,7 @@ def _check_renders(material: Material) -> str:
 def _check_turned(material: Material) -> str:
     """Raise a Fault if they have different means on a floor whose shading normals leave its own."""
     advice = "sample or pdf: they must be about the shading normal n; where wi may be, the estimator decides"
-    return compare_means(box_scene(material, (EVEN_SKY,), floor=TURNED), TECHNIQUES_ALONE, z_limit(LEVEL), advice)
+    return compare_means(box_scene(material, (UNIFORM_SKY,), floor=TURNED), TECHNIQUES_ALONE, z_limit(LEVEL), advice)
 
 
 def _check_scatter(material: Material) -> str:

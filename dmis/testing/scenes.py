@@ -32,7 +32,7 @@ ABOVE: QuadLight = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
 """A lamp 2 above the floor that shines downwards."""
 BELOW = QuadLight((-0.5, -0.5, -2), (1, 0, 0), (0, 1, 0), (5, 4, 3))
 """A lamp 2 below the floor that shines upwards."""
-EVEN_SKY = EnvironmentLight(np.ones((1, 1, 3)))
+UNIFORM_SKY = EnvironmentLight(np.ones((1, 1, 3)))
 """The same radiance from all directions, those between the horizons of floor and shading normal among them."""
 TECHNIQUES_ALONE: tuple[tuple[str, Rule | str], ...] = (
     ("light samples (fixed:1)", "fixed:1"),

@@ -17,7 +17,7 @@ from dmis.brdf.materials import Material
 from dmis.brdf.specular import SpecularTransmission
 from dmis.estimator.path import scatter
 from dmis.light.delta import DistantLight
-from dmis.testing.scenes import EVEN_SKY, FLOOR, TURNED, box_scene, surface
+from dmis.testing.scenes import FLOOR, TURNED, UNIFORM_SKY, box_scene, surface
 
 SKY = dmis.EnvironmentLight(0.2 + np.random.default_rng(1).random((8, 16, 3)) ** 2)
 ROUGH = np.random.default_rng(2).random((16, 16, 1))
@@ -48,7 +48,7 @@ DENTS = dmis.NormalMap(dmis.Image(0.5 + 0.5 * np.random.default_rng(3).uniform(-
 SCENES = {
     "bump map": box_scene(relief(dmis.matte(0.8), BUMPS), (SKY, LAMP)),
     "normal map": box_scene(relief(dmis.plastic(0.3, 0.5, 0.1), DENTS), (SKY, LAMP)),
-    "coarse ball": box_scene(None, (EVEN_SKY,), (ball(dmis.matte(0.8)),), fov=20),
+    "coarse ball": box_scene(None, (UNIFORM_SKY,), (ball(dmis.matte(0.8)),), fov=20),
     "glossy coarse ball": box_scene(None, (SKY,), (ball(dmis.plastic(0.2, 0.6, 0.2), 1),), fov=20),
     "normals that lean": box_scene(dmis.matte(0.7, 20), (SKY, LAMP), floor=TURNED),
     "seen from below": box_scene(dmis.substrate(0.4, 0.4, 0.1, 0.2), (SKY,), eye=(0, -3, -1), floor=TURNED),
@@ -73,7 +73,7 @@ def test_techniques_agree(name: str, integrator: str) -> None:
 @pytest.mark.parametrize("degrees", [0, 20, 60])
 def test_light_between_the_horizons_is_lost(degrees: float, rule: str) -> None:
     """Under an even sky a matte surface reflects ``albedo (1 + cos) / 2``: what comes from above both planes."""
-    scene = box_scene(dmis.matte(0.8), (EVEN_SKY,), fov=1, floor=leaning(degrees))
+    scene = box_scene(dmis.matte(0.8), (UNIFORM_SKY,), fov=1, floor=leaning(degrees))
     result = dmis.render(scene, rule, 256, seed=1, integrator="direct")
     expected = 0.4 * (1 + np.cos(np.radians(degrees)))
     error = np.sqrt(result.variance.mean(dtype=float) / result.image[..., 0].size)
@@ -95,7 +95,7 @@ def test_delta_lights_shine_above_both_planes_only(degrees: float, low: bool) ->
 @pytest.mark.parametrize("degrees, expected", [(40, 0.9), (50, 0)])
 def test_a_mirror_sends_nothing_into_its_surface(degrees: float, expected: float, integrator: str) -> None:
     """Seen from above, a normal that leans by more than 45 degrees mirrors rays into the floor, where they end."""
-    scene = box_scene(dmis.mirror(0.9), (EVEN_SKY,), eye=(0, -0.1, 3), fov=1, floor=leaning(degrees))
+    scene = box_scene(dmis.mirror(0.9), (UNIFORM_SKY,), eye=(0, -0.1, 3), fov=1, floor=leaning(degrees))
     image = dmis.render(scene, "balance", 4, integrator=integrator).image
     np.testing.assert_allclose(image, expected, atol=1e-5)
 

@@ -295,7 +295,7 @@ def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
 
 
 def test_tables_are_compared_with_their_sha256(tmp_path: Path, planted: Truth) -> None:
-    """An archive that was written again with other values is refused; one without a checksum is read with a warning."""
+    """An archive that was written again with other values is refused, and so is one without a checksum."""
     path = tmp_path / "truth.npz"
     write_truth(path, planted)
     with np.load(path) as archive:
@@ -306,8 +306,8 @@ def test_tables_are_compared_with_their_sha256(tmp_path: Path, planted: Truth) -
     header = json.loads(str(arrays["header"]))
     del header["checksum"]
     np.savez(path, **(arrays | {"header": np.array(json.dumps(header))}))
-    with pytest.warns(UserWarning, match=f"{path} has no SHA-256"):
-        np.testing.assert_allclose(read_truth(path).power, planted.power, rtol=1e-6)
+    with pytest.raises(ValueError, match="it is damaged"):
+        read_truth(path)
 
 
 class Endless(dmis.Rule):

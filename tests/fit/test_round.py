@@ -22,6 +22,8 @@ HALF = np.array([0.5, 0.5], np.float32)
         ({"shares": np.array([0.9, 0.9])}, "shares of a round must add up to 1 over the techniques"),
         ({"shares": np.array([1.2, -0.2])}, "shares of a round must be in [0, 1], a share of the samples; got 1.2"),
         ({"shares": np.array([np.nan, 0.5])}, "got nan"),
+        ({"shares": (0.9, 0.9)}, "got sums from 1.8 to 1.8"),
+        ({"shares": 0.5}, "one for each technique; got shape ()"),
         ({"shares": np.stack([np.eye(3), 2 - np.eye(3)])}, "got 2 in 6 of 9 pixels"),
         (
             {"shares": np.array([0.2, 0.3, 0.5])},
@@ -29,10 +31,10 @@ HALF = np.array([0.5, 0.5], np.float32)
         ),
         ({"tilt": np.array([0.3, 0.3])}, "tilt of a round must add up to 1"),
         ({"tilt": HALF, "settings": dmis.Settings(combiner="power")}, "weigh=heuristic needs combiner balance"),
-        ({"spp": -1}, "spp of a round must be whole numbers of at least 0"),
-        ({"spp": np.full((3, 3), 2.5)}, "it counts camera samples; got 2.5 of float64"),
-        ({"begin": np.array([[3, -2]])}, "begin of a round must be whole numbers of at least 0"),
-        ({"image_weight": 0.5}, "image_weight of a round must be whole numbers"),
+        ({"spp": -1}, "spp of a round must not be negative; got -1"),
+        ({"spp": np.full((3, 3), 2.5)}, "spp of a round must be whole; got 2.5. Make it whole by dmis.fit"),
+        ({"begin": np.array([[3, -2]])}, "begin of a round must not be negative; got -2"),
+        ({"image_weight": 0.5}, "image_weight of a round must be whole; got 0.5"),
     ],
 )
 def test_wrong_rounds_are_refused(values: dict[str, Any], message: str) -> None:

@@ -6,7 +6,6 @@ Each is an ``.npz`` of plain arrays and a JSON text, ``header``, with a checksum
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,7 +91,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
-    """Return what the header of a file says about its arrays, and these; a UserWarning if it has no checksum."""
+    """Return what the header of a file says about its arrays, and these; see `read_pilots`."""
     if not path.exists():
         make = "Make it in a checkout of dmis: python benchmarks/mis_bench.py (ten minutes)"
         raise ValueError(f"there is no {path}. {make}, or try --scenes {SMALL}")
@@ -100,15 +99,12 @@ def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = dict(archive)
         header = json.loads(str(arrays.pop("header")))
-        known = header.get("checksum")
-        intact = header["mis-bench"] == VERSION and known in (None, checksum(arrays))
+        intact = header["mis-bench"] == VERSION and header["checksum"] == checksum(arrays)
     except Exception:  # a damaged archive may raise anything
         intact = False
     if not intact:
         reason = "it is damaged, or its SHA-256 is not that in its header"
         raise ValueError(f"{path} must be a file of MIS-Bench {VERSION}; {reason}. Remove it and make it again")
-    if known is None:
-        warnings.warn(f"{path} has no SHA-256 that shows whether it was changed: make it again", stacklevel=3)
     return header["about"], arrays
 
 
