@@ -121,6 +121,6 @@ def naming(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.strerror is None:  # it has a message of its own
+        if error.strerror is None:  # the library's own message
             raise
         raise type(error)(f"cannot write {path}: {error.strerror}") from error

@@ -211,7 +211,7 @@ def _warm_up(settings: Settings, scene: Scene, turns: Sequence[Turn]) -> None:
 
 @lru_cache(maxsize=1)
 def _small_scene(scene: Scene) -> tuple[Scene, set[tuple[str, int, Settings]]]:
-    """Return `scene` in 8x8 pixels with the same tables, and an empty set of what was rendered with them."""
+    """Return `scene` in 8x8 pixels with the same tables, and the set, shared by all calls, of renders made with it."""
     scene = scene.in_float32[0]
     return scene.seen_by(replace(scene.camera, resolution=(8, 8), corner=(0, 0), frame=None)), set()
 

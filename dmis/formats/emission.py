@@ -63,7 +63,7 @@ def overlapping_lamps(scene: Scene) -> set[int]:
 def lit_share(scene: Scene) -> float:
     """Return the share of the image in which surfaces reflect light, more than `LIT` of the most that is emitted.
 
-    By paths through `COLUMNS` x `ROWS` places; what is seen of the lamps themselves does not count.
+    By paths through `COLUMNS` x `ROWS` places; places that show a lamp itself do not count.
     """
     scene, _ = scene.in_float32
     rng, places = np.random.default_rng(1), COLUMNS * ROWS

@@ -111,7 +111,7 @@ class ShadingPoints:
 
         wi must be on wo's side of the triangle *and* of the shading normal (strict normals; Veach 1997, Section 5.3).
         BRDF sampling cannot find directions between the two horizons: if f were positive there, the mean would depend
-        on the share of light samples. Light that is transmitted is asked for at the points of `beyond`.
+        on the share of light samples. Transmitted light is evaluated at the points of `beyond`.
         """
         above = dot(self.ng, wi) > 0
         return above if self.ng is self.n else above & (dot(self.n, wi) > 0)
