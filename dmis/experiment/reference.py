@@ -229,7 +229,11 @@ def from_cache(path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[
 
 def check_key(file: str, stored: str, key: Mapping[str, Any], advice: str) -> None:
     """Raise a ValueError that ends with `advice` unless the key `stored` in a file, JSON, has all values of `key`."""
-    there, here = json.loads(stored), json.loads(json.dumps(key))
+    try:
+        there = dict(json.loads(stored))
+    except (ValueError, TypeError):
+        raise ValueError(f"{file} has a key that is not readable, {stored[:40]!r}. {advice}") from None
+    here = json.loads(json.dumps(key))  # lists in the place of tuples
     if differences := [f"{name} is {there.get(name)}, not {v}" for name, v in here.items() if there.get(name) != v]:
         raise ValueError(f"{file} is of something else: {'; '.join(differences)}. {advice}")
 
