@@ -54,6 +54,13 @@ def render(options: argparse.Namespace) -> int:
         job = resolve(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
         result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
     exposure = _exposure(options, scene, result)
+    has_preview = bool(options.png) or Path(options.output).suffix.lower() == ".png"
+    if has_preview and options.exposure is None and exposure > MAX_EXPOSURE:
+        lit_by, advice = scene.source["lit"], "Give it a sky"
+        if options.light is not None:
+            lit_by, advice = "this sky", "Brighten it"
+        text = f"exposure {exposure:.3g} of the preview: lit by {lit_by}, the model is nearly black"
+        warnings.warn(SceneWarning(f"{text}. {advice} (--light), or set --exposure"), stacklevel=2)
     write_image(options.output, result, exposure)
     if options.png:
         write_png(options.png, result.image, exposure)
@@ -64,7 +71,7 @@ def render(options: argparse.Namespace) -> int:
         remove_checkpoint(options.checkpoint)
     if not options.quiet:
         say(_summary(options, job, result))
-        if exposure != 1 and (options.png or Path(options.output).suffix.lower() == ".png"):
+        if exposure != 1 and has_preview:
             say(f"  exposure of the preview: {exposure:.3g}")
     if options.verbose:
         say(f"  {describe(scene)}", *_time_and_rays(result))
@@ -83,12 +90,7 @@ def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> floa
     if options.exposure is not None:
         return float(options.exposure)
     bright = float(np.quantile(result.image @ LUMINANCE, 0.95)) if scene.source.get("lit") else 0.0
-    exposure = EXPOSED / bright if bright > 0 else 1.0
-    if exposure > MAX_EXPOSURE:
-        by, sky = (f"{scene.source['lit']}", "Give it a sky") if options.light is None else ("this sky", "Brighten it")
-        text = f"exposure {exposure:.3g} of the preview: lit by {by}, the model is nearly black"
-        warnings.warn(SceneWarning(f"{text}. {sky} (--light), or set --exposure"), stacklevel=2)
-    return exposure
+    return EXPOSED / bright if bright > 0 else 1.0
 
 
 def _check_files(options: argparse.Namespace) -> list[Path]:

@@ -126,6 +126,8 @@ def test_exposure(tmp_path, capsys):
         assert main(["render", *word, str(tmp_path / "a.png")]) == 0
         is_warned = "lit by its emission, which reaches" in capsys.readouterr().err
         assert is_warned == (strength < 1)
+        assert main(["render", *word, str(tmp_path / "a.exr")]) == 0
+        assert "of the preview" not in capsys.readouterr().err  # there is none
         pixels = np.asarray(Image.open(tmp_path / "a.png")) / 255
         assert np.quantile(pixels, 0.95) == pytest.approx(float(tonemap(np.array(0.6))), abs=0.02)
     assert main(["render", *word, str(tmp_path / "a.png"), "--exposure", "1"]) == 0
