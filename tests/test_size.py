@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_100, "tests": 27_865}
+LINES = {"dmis": 27_240, "tests": 27_990}
 """Lines of Python files."""
 WORDS = 43_350
 """Words of the pages, tables included."""

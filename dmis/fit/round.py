@@ -96,6 +96,28 @@ class Round:
                 raise ValueError(f"{name} of a round must be whole; got {values.flat[0]:g}. {whole_numbers}")
             if values.min(initial=0) < 0:
                 raise ValueError(f"{name} of a round must not be negative; got {values.min()}")
+            if values.ndim == 0:
+                object.__setattr__(self, name, int(values))
+
+    def check(self, shape: tuple[int, int]) -> None:
+        """Raise a ValueError unless the round is one of an image of `shape` (height, width).
+
+        Arrays must have a value for each pixel, and each pixel samples, if the round is part of the image.
+        """
+        k = len(self.shares)
+        for name, of_image in (("spp", ()), ("begin", ()), ("shares", (k,)), ("tilt", (k,))):
+            values = getattr(self, name)
+            of_pixels = (*of_image, *shape)
+            if values is not None and np.shape(values) not in (of_image, of_pixels):
+                raise ValueError(
+                    f"{name} of a round must be of shape {of_image} or {of_pixels}, for the image or for each pixel "
+                    f"(height, width); got {np.shape(values)}"
+                )
+        if self.image_weight and self.before is None and np.min(self.spp) < 1:
+            raise ValueError(
+                f"spp of a round with an image_weight must be at least 1, because every pixel of the image needs "
+                f"samples; got {np.min(self.spp)}"
+            )
 
     def of_area(self, area: tuple[slice, slice]) -> Round:
         """Return the round of the pixels of an area of the image, as views; without `before` and `maps`."""

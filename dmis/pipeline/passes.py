@@ -90,8 +90,12 @@ class Passes:
             self._workers.close()
 
     def render(self, round_: Round) -> Pilot:
-        """Render a round over the image and return its film; one that goes on joins the samples before it."""
+        """Render a round over the image and return its film; one that goes on joins the samples before it.
+
+        A ValueError if the round is not one of this image, see `dmis.fit.round.Round.check`.
+        """
         began, resolution = time.perf_counter(), self._job.scene.camera.resolution
+        round_.check(resolution[::-1])
         self._release()
         tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
         film = PassFilm(resolution, len(tiles), round_)

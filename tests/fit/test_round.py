@@ -12,6 +12,7 @@ import pytest
 import dmis
 from dmis.estimator.allocation import shares_of
 from dmis.fit.round import Round
+from dmis.testing.scenes import box_scene
 
 HALF = np.array([0.5, 0.5], np.float32)
 
@@ -49,6 +50,33 @@ def test_right_rounds_are_not() -> None:
         techniques = ("light", "brdf", "uniform")[: len(shares)]
         round_ = Round(np.ones((3, 4), int), shares, dmis.Settings(techniques=techniques), tilt=shares)
         assert round_.in_row_order().shares.shape[0] == len(shares)
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ({"shares": np.full((2, 3, 5), 0.5)}, "shares of a round must be of shape (2,) or (2, 3, 4), for the image"),
+        ({"shares": np.full((2, 12), 0.5)}, "got (2, 12)"),
+        ({"tilt": np.full((2, 4, 3), 0.5)}, "tilt of a round must be of shape (2,) or (2, 3, 4)"),
+        ({"spp": np.ones((4, 3), int)}, "spp of a round must be of shape () or (3, 4), for the image or for"),
+        ({"begin": np.ones(4, int)}, "begin of a round must be of shape () or (3, 4)"),
+        ({"spp": np.eye(3, 4, dtype=int)}, "spp of a round with an image_weight must be at least 1, because every"),
+    ],
+)
+def test_rounds_of_another_image_are_refused(values: dict[str, Any], message: str) -> None:
+    """In place of NumPy's broadcast error, or of black pixels where there are no samples."""
+
+    class Mine(dmis.Rule):
+        def rounds(self, budget: Any) -> Any:
+            yield replace(budget.final(dmis.Fit(0.5)), **values)
+
+    with pytest.raises(ValueError, match=re.escape(message)):
+        dmis.render(box_scene(resolution=(4, 3)), Mine(), 4, parallel=1)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    round_ = Round(np.int64(3), HALF, dmis.Settings(), begin=np.array(2))
+    assert type(round_.spp) is int and type(round_.begin) is int
 
 
 def test_the_round_of_a_rule_is_refused(box: dmis.Scene) -> None:
