@@ -51,9 +51,8 @@ def overlapping_lamps(scene: Scene) -> set[int]:
     As in `Scene.prepare`, which refuses such lights, rays to each triangle of a lamp must meet it first.
     """
     scene, _ = scene.in_float32
-    epsilon = scene.epsilon if scene.triangle_epsilon is None else scene.triangle_epsilon.min()
     triangles, _, owner = lamp_triangles(scene.parts)
-    number, met = find_overlaps(scene.intersector, triangles, 2 * float(epsilon))
+    number, met = find_overlaps(scene.intersector, triangles, 2 * float(np.min(scene.epsilon)))
     part_of = np.repeat(np.arange(len(scene.parts)), [part.mesh.triangles for part in scene.parts])
     first, second = np.sort(np.stack([owner[number], part_of[met]]), axis=0)
     emits = np.array([part.light is not None for part in scene.parts])

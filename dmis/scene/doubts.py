@@ -63,19 +63,20 @@ def camera_doubts(camera: Camera, caster: RayCaster, reach: float) -> Iterator[s
         yield f"the camera is on a surface, and {hidden.mean():.0%} of it sees nothing else; move it farther away"
 
 
-def offset_doubts(parts: Sequence[Part], small: Array, triangle_epsilon: Array | None) -> Iterator[str]:
+def offset_doubts(parts: Sequence[Part], small: Array, epsilon: Array) -> Iterator[str]:
     """Yield a message about the one of the bodies `small` ``(B, 2, 3)`` beside which rays begin farthest off.
 
-    That is the largest of the ray offsets `triangle_epsilon` ``(T,)``, in sizes of the body, if above `MAX_OFFSET`.
+    That is the largest of the ray offsets `epsilon`, ``(T,)`` if there are any such bodies, in sizes of the body, if
+    above `MAX_OFFSET`.
     """
-    if triangle_epsilon is None:
+    if not len(small):
         return
     sizes = diagonals(small)
-    far = np.flatnonzero(triangle_epsilon > MAX_OFFSET * sizes.min())
+    far = np.flatnonzero(epsilon > MAX_OFFSET * sizes.min())
     corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts])[far]
     low, high = corners.min(axis=1), corners.max(axis=1)
     near = ((low <= most + size) & (high >= least - size) for (least, most), size in zip(small, sizes, strict=True))
-    offsets = np.array([triangle_epsilon[far[mask.all(axis=1)]].max(initial=0) for mask in near]) / sizes
+    offsets = np.array([epsilon[far[mask.all(axis=1)]].max(initial=0) for mask in near]) / sizes
     k = int(np.argmax(offsets))
     if offsets[k] > MAX_OFFSET:
         bounds = [part.mesh.bounds for part in parts]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.validate import direction
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Index
 from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters
 from dmis.brdf.materials import Material
 from dmis.brdf.relief import Relief
@@ -100,6 +100,11 @@ class Group:
         """Whether there is any lobe, and not just emission."""
         return bool(self.reflection or self.transmission or self.delta)
 
+    @cached_property
+    def lobes(self) -> dict[str, tuple[Any, ...]]:
+        """`reflection`, `transmission` and `delta` by name."""
+        return {"reflection": self.reflection, "transmission": self.transmission, "delta": self.delta}
+
     def textured_emission(self, p: Array, uv: Array | None) -> Array:
         """Return what `textured_light` emits at points `p` ``(3, N)`` of texture coordinates `uv` ``(2, N)``."""
         assert self.textured_light is not None
@@ -185,3 +190,30 @@ def _tabulate(lobes: tuple[Any, ...]) -> Any:
             table = np.stack([np.broadcast_to(np.asarray(x, np.float32).reshape(-1), 3) for x in values], axis=1)
             changes[name] = table[:1] if (table == table[0]).all() else table
     return replace(lobes[0], **changes)
+
+
+def bind_lobes(group: Group, row: Index | None, uv: Array | None) -> dict[str, tuple[Any, ...]]:
+    """Return the lobes of a group with the parameters of N points, by kind.
+
+    Parameters
+    ----------
+    row
+        Rows of the points' materials in the parameter tables, ``(N,)``; None: there is one material.
+    uv
+        Texture coordinates of the points, ``(2, N)``; None: there are no images.
+    """
+    return {kind: tuple(bind(lobe, row, uv) for lobe in lobes) for kind, lobes in group.lobes.items()}
+
+
+def bind(lobe: Any, row: Index | None, uv: Array | None) -> Any:
+    """Return a lobe of a group with the parameters of N points, see `bind_lobes`."""
+    changes: dict[str, Any] = {}
+    for name, value in parameters(lobe):
+        if isinstance(value, Image):
+            texels = value(uv)  # type: ignore[arg-type]
+            changes[name] = texels if name in lobe.colours else texels[0]
+        elif isinstance(value, Parameters):
+            changes[name] = bind(value, row, uv)
+        elif row is not None:
+            changes[name] = value.take(row, axis=-1)
+    return replace(lobe, **changes)

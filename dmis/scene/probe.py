@@ -11,8 +11,8 @@ from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
 from dmis.geometry.mesh import Mesh
-from dmis.scene.groups import Part, batch_key, make_group
-from dmis.scene.shading_points import ShadingPoints, bind
+from dmis.scene.groups import Part, batch_key, bind_lobes, make_group
+from dmis.scene.shading_points import ShadingPoints
 
 _TRIANGLE = Mesh(np.eye(3), np.array([[0, 1, 2]]))
 
@@ -34,8 +34,6 @@ def surface(
     group = make_group(batch_key(Part(_TRIANGLE, material)), [(material, None)])
     uv = np.full((2, count), 0.5, np.float32)
     normal, wo, dpdu = (np.repeat(np.array(v, np.float32).reshape(3, 1), count, axis=1) for v in (n, wo, dpdu))
-    kinds = ("reflection", "transmission", "delta")
-    lobes = {kind: tuple(bind(lobe, None, lambda image: image(uv)) for lobe in getattr(group, kind)) for kind in kinds}
     return ShadingPoints(
         p=np.zeros((3, count), np.float32),
         ng=normal,
@@ -45,7 +43,7 @@ def surface(
         outside=np.full(count, outside),
         dpdu=dpdu,
         epsilon=np.float32(0),
-        **lobes,
+        **bind_lobes(group, None, uv),
     )
 
 

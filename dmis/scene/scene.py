@@ -1,7 +1,7 @@
 """A scene, frozen: a camera, parts (a mesh, its material, and the light whose surface it is) and lights.
 
-What the scene needs is worked out once by `dmis.scene.plan`; hits become surface points by the tables of
-`dmis.scene.triangle_tables`.
+What the scene needs is worked out once by `dmis.scene.plan`; `dmis.scene.shading_points` turns hits into shading
+points.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from operator import methodcaller
 from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import TINY, Array, Index, Selection, columns, dot, normalise, take
-from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
+from dmis.base.vectors import Array, Selection, columns
+from dmis.geometry.refinement import bodies, refine_near_bodies, small_beside
 from dmis.intersect import Hits, RayCaster
 from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
@@ -28,18 +27,15 @@ from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.masks import make_caster
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
+from dmis.scene.ray_offsets import ray_offsets
 from dmis.scene.rescale import rescale, units
-from dmis.scene.shading_points import ShadingPoints, bind
+from dmis.scene.shading_points import ShadingPoints, Surfaces
 from dmis.scene.suggestions import Suggestions
 from dmis.scene.triangle_tables import Tables
 
 
 class SceneWarning(UserWarning):
     """Contents of a scene or its file that may not appear in the image as meant."""
-
-
-RAY_OFFSET = 1e-6
-"""Ray offset: distance of ray origins from the surfaces that rays leave, in extents of these (rounding of float32)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +136,7 @@ class Scene:
 
     def seen_by(self, camera: Camera) -> Scene:
         """Return the scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
-        shared = "plan", "tables", "intersector", "epsilon", "triangle_epsilon"
+        shared = "plan", "tables", "surfaces", "intersector", "epsilon"
         return self.changed(camera=camera, **{name: getattr(self, name) for name in shared})
 
     def changed(self, **values: Any) -> Scene:
@@ -157,13 +153,6 @@ class Scene:
         return np.min([mesh.bounds[0] for mesh in meshes], axis=0), np.max([mesh.bounds[1] for mesh in meshes], axis=0)
 
     @cached_property
-    def epsilon(self) -> np.float32:
-        """Offset of ray origins along the geometric normal: `RAY_OFFSET` of the diagonal of `bounds`, or of the largest
-        coordinate, whichever is larger, because these set the rounding of float32 positions."""
-        low, high = self.bounds
-        return np.float32(RAY_OFFSET * max(np.linalg.norm(high - low), np.abs([low, high]).max()))
-
-    @cached_property
     def bodies(self) -> Array:
         """Bounds ``(B, 2, 3)`` of the bodies of all parts, see `dmis.geometry.refinement`."""
         return np.concatenate([bodies(part.mesh) for part in self.parts])
@@ -175,20 +164,9 @@ class Scene:
         return small_beside(float(np.linalg.norm(high - low)), self.bodies)
 
     @cached_property
-    def triangle_epsilon(self) -> Array | None:
-        """Ray offset of each triangle, ``(T,)``, for scenes with `small_bodies`, which `epsilon` would begin rays far
-        above; None for others.
-
-        It is `RAY_OFFSET` of the triangle's size or largest coordinate, which set the rounding of a point on it, and of
-        the height above it at which Embree sees a ray begin (both less than 2e-7 of that); or of the smallest body.
-        """
-        small = self.small_bodies
-        if not len(small):
-            return None
-        corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in self.parts])
-        size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        extent = np.maximum(np.maximum(size, np.abs(corners).max(axis=(1, 2))), diagonals(small).min())
-        return np.clip((RAY_OFFSET * extent).astype(np.float32), TINY, self.epsilon)
+    def epsilon(self) -> Array:
+        """Ray offsets, float32: one, ``()``, or of each triangle, ``(T,)``, see `dmis.scene.ray_offsets`."""
+        return ray_offsets(self.parts, self.bounds, self.small_bodies)
 
     @cached_property
     def _other_units(self) -> tuple[Scene, float] | None:
@@ -213,11 +191,7 @@ class Scene:
     @cached_property
     def plan(self) -> Plan:
         """Groups and lights that a render computes with, see `dmis.scene.plan.Plan`."""
-        return Plan(self.camera, self.parts, self.lights, self._least_epsilon)
-
-    @property
-    def _least_epsilon(self) -> float:
-        return float(self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.min())
+        return Plan(self.camera, self.parts, self.lights, float(np.min(self.epsilon)))
 
     def describe(self) -> str:
         """Return in words what ``python -m dmis info`` prints: the plan, what the file suggests, how it was read."""
@@ -240,10 +214,11 @@ class Scene:
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
+        least = float(np.min(self.epsilon))
         return (
-            *lamp_doubts(self.parts, self.plan, self.intersector, 2 * self._least_epsilon),
-            *offset_doubts(self.parts, self.small_bodies, self.triangle_epsilon),
-            *camera_doubts(self.camera, self.intersector, self._least_epsilon),
+            *lamp_doubts(self.parts, self.plan, self.intersector, 2 * least),
+            *offset_doubts(self.parts, self.small_bodies, self.epsilon),
+            *camera_doubts(self.camera, self.intersector, least),
         )
 
     def prepare(self) -> None:
@@ -254,87 +229,21 @@ class Scene:
         """
         for text in self._doubts:
             warnings.warn(SceneWarning(f"scene {self.name}: {text}"), stacklevel=3)
-        _ = self.plan, self.intersector, self.epsilon, self.triangle_epsilon, self.tables.corners, self.covered_pixels
-        for group in self.plan.groups:
-            if group.turns:
-                _ = self.tables.normals
-            if group.textured:
-                _ = self.tables.uv
-            if group.relief is not None or (group.anisotropic and group.tangent is None):
-                _ = self.tables.tangents
+        _ = self.intersector, self.covered_pixels
+        self.surfaces.prepare()
 
     @cached_property
     def tables(self) -> Tables:
         """Vertex attributes of the triangles, see `dmis.scene.triangle_tables.Tables`."""
         return Tables(self.parts)
 
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        """What turns hits into shading points."""
+        return Surfaces(self.plan, self.tables, self.epsilon)
+
     def shading_points(
         self, group: Group, hits: Hits, index: Selection | None, direction: Array
     ) -> tuple[ShadingPoints, Array | None]:
-        """Return the shading points of the hits `index` (None: all), all of `group`, and what they emit.
-
-        Parameters
-        ----------
-        direction
-            Unit directions of the rays that hit, ``(3, N)``, of all hits.
-
-        Returns
-        -------
-        surface
-            Its size is that of `index`.
-        emission
-            ``(3, N)`` radiance emitted towards the viewer; None if the group does not emit.
-        """
-        prim, u, v = take(hits.prim, index), take(hits.u, index), take(hits.v, index)
-        wo = -take(direction, index)
-        rows = columns(self.tables.corners, prim)
-        p = rows[3:6] * u
-        p += rows[6:9] * v
-        p += rows[:3]
-        ng = rows[9:]
-        facing = dot(ng, wo)
-        side = np.copysign(np.float32(1), facing)
-        ng = ng * side
-        epsilon = self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.take(prim)
-        p += ng * epsilon
-        n, cos_o = self._shading_normals(group, prim, u, v, wo) if group.turns else (ng, np.abs(facing))
-        row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
-        uv = self._texture_coordinates(prim, u, v) if group.textured else None
-        dpdu = columns(self.tables.tangents[0], prim) if group.anisotropic and group.tangent is None else group.tangent
-        lobes = {kind: getattr(group, kind) for kind in ("reflection", "transmission", "delta")}
-        if row is not None or uv is not None:  # parameters differ from point to point
-            look_up = methodcaller("__call__", uv)  # the value of an image
-            lobes = {kind: tuple(bind(lobe, row, look_up) for lobe in unbound) for kind, unbound in lobes.items()}
-        points = ShadingPoints(
-            p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=epsilon, **lobes
-        )
-        emission = group.emission
-        if emission is not None:
-            if group.textured_light is not None:
-                emission = group.textured_emission(p, uv)
-            elif row is not None:
-                emission = emission.take(row, axis=1)
-            emission = emission * points.outside  # lights shine on one side
-        return points, emission
-
-    def _texture_coordinates(self, prim: Index, u: Array, v: Array) -> Array:
-        """Return interpolated texture coordinates ``(2, N)`` at points of triangles."""
-        rows = columns(self.tables.uv, prim)
-        return rows[2:4] * u + rows[4:6] * v + rows[:2]
-
-    def _shading_normals(self, group: Group, prim: Index, u: Array, v: Array, wo: Array) -> tuple[Array, Array]:
-        """Return unit shading normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
-        rows = columns(self.tables.normals, prim)
-        n = rows[3:6] * u
-        n += rows[6:9] * v
-        n += rows[:3]
-        if group.relief is not None:
-            dpdu, dpdv = (columns(tangent, prim) for tangent in self.tables.tangents)
-            n = normalise(n) * np.copysign(np.float32(1), dot(n, columns(self.tables.corners, prim)[9:]))  # outwards
-            n = group.relief.normals(n, dpdu, dpdv, self._texture_coordinates(prim, u, v), group.smooth)
-        cos_o = dot(n, wo)
-        # normalise and turn towards wo in one multiplication
-        scale = np.copysign(1 / np.sqrt(np.maximum(dot(n, n), TINY)), cos_o)
-        n *= scale
-        cos_o *= scale
-        return n, cos_o
+        """Return the shading points of hits, and what they emit, see `Surfaces.shading_points`."""
+        return self.surfaces.shading_points(group, hits, index, direction)

@@ -1,20 +1,113 @@
-"""Shading points: a batch of hits with all that lobes, lights and shadow rays read."""
+"""Shading points: `Surfaces` turns hits into batches of points with all that lobes, lights and shadow rays read."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache, cached_property
 from operator import is_
 from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array, Index, Selection, compose, dot, frame, normalise, take
+from dmis.base.vectors import TINY, Array, Index, Selection, columns, compose, dot, frame, normalise, take
 from dmis.brdf.cosines import Directions
-from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters
-from dmis.brdf.texture import Image
-from dmis.scene.simplify import parameters
+from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.intersect import Hits
+from dmis.scene.groups import Group, bind_lobes
+from dmis.scene.plan import Plan
+from dmis.scene.triangle_tables import Tables
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """All surfaces of a scene: its plan, the vertex attributes of its triangles, and its ray offsets."""
+
+    plan: Plan
+    tables: Tables
+    epsilon: Array
+
+    def prepare(self) -> None:
+        """Build the tables that `shading_points` reads."""
+        _ = self.tables.corners
+        for group in self.plan.groups:
+            if group.turns:
+                _ = self.tables.normals
+            if group.textured:
+                _ = self.tables.uv
+            if group.relief is not None or (group.anisotropic and group.tangent is None):
+                _ = self.tables.tangents
+
+    def shading_points(
+        self, group: Group, hits: Hits, index: Selection | None, direction: Array
+    ) -> tuple[ShadingPoints, Array | None]:
+        """Return the shading points of the hits `index` (None: all), all of `group`, and what they emit.
+
+        Parameters
+        ----------
+        direction
+            Unit directions of the rays that hit, ``(3, N)``, of all hits.
+
+        Returns
+        -------
+        points
+            Its size is that of `index`.
+        emission
+            ``(3, N)`` radiance emitted towards the viewer; None if the group does not emit.
+        """
+        prim = take(hits.prim, index)
+        u = take(hits.u, index)
+        v = take(hits.v, index)
+        wo = -take(direction, index)
+        corners = columns(self.tables.corners, prim)
+        p = _interpolate(corners[:9], u, v)
+        ng = corners[9:]
+        facing = dot(ng, wo)
+        ng = ng * np.copysign(np.float32(1), facing)  # on wo's side
+        epsilon = take(self.epsilon, prim)
+        p += ng * epsilon
+        uv = _interpolate(columns(self.tables.uv, prim), u, v) if group.textured else None
+        n, cos_o = self._shading_normals(group, prim, u, v, uv, wo) if group.turns else (ng, np.abs(facing))
+        row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
+        dpdu = columns(self.tables.tangents[0], prim) if group.anisotropic and group.tangent is None else group.tangent
+        # parameters of one material without images are the same at all points
+        lobes = group.lobes if row is None and uv is None else bind_lobes(group, row, uv)
+        outside = facing > 0
+        points = ShadingPoints(
+            p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, epsilon=epsilon, **lobes
+        )
+        emission = group.emission
+        if emission is not None:
+            if group.textured_light is not None:
+                emission = group.textured_emission(p, uv)
+            elif row is not None:
+                emission = emission.take(row, axis=1)
+            emission = emission * outside  # lights shine on one side
+        return points, emission
+
+    def _shading_normals(
+        self, group: Group, prim: Index, u: Array, v: Array, uv: Array | None, wo: Array
+    ) -> tuple[Array, Array]:
+        """Return unit shading normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
+        n = _interpolate(columns(self.tables.normals, prim), u, v)
+        if group.relief is not None and uv is not None:
+            dpdu, dpdv = (columns(tangent, prim) for tangent in self.tables.tangents)
+            n = normalise(n) * np.copysign(np.float32(1), dot(n, columns(self.tables.corners, prim)[9:]))  # outwards
+            n = group.relief.normals(n, dpdu, dpdv, uv, group.smooth)
+        cos_o = dot(n, wo)
+        # normalise and turn towards wo in one multiplication
+        scale = np.copysign(1 / np.sqrt(np.maximum(dot(n, n), TINY)), cos_o)
+        n *= scale
+        cos_o *= scale
+        return n, cos_o
+
+
+def _interpolate(rows: Array, u: Array, v: Array) -> Array:
+    """Return ``a + u (b - a) + v (c - a)`` ``(C, N)`` from the rows a, b - a and c - a of triangles, ``(3 C, N)``."""
+    count = len(rows) // 3
+    values = rows[count : 2 * count] * u
+    values += rows[2 * count :] * v
+    values += rows[:count]
+    return values
 
 
 class ShadingPoints:
@@ -41,7 +134,7 @@ class ShadingPoints:
     dpdu
         ``(3, N)`` or ``(3, 1)``; read by anisotropic lobes only, None where there are none.
     epsilon
-        By how much p is pushed off, ``(N,)`` or one number, see `dmis.scene.scene.Scene.epsilon`.
+        By how much p is pushed off, ``(N,)`` or one number, see `dmis.scene.ray_offsets`.
     """
 
     p: Array
@@ -171,27 +264,6 @@ def _gather(value: Any, index: Selection | None) -> Any:
         if (new := _gather(old, index)) is not old:
             changes[name] = new
     return replace(value, **changes) if changes else value
-
-
-def bind(lobe: Any, row: Index | None, look_up: Callable[[Image], Array]) -> Any:
-    """Return a group's `lobe` with the parameters of N points.
-
-    Parameters
-    ----------
-    row
-        Rows of the points' materials in the parameter tables, ``(N,)``; None: there is one material.
-    look_up
-        Gives the values of an image at the points, ``(C, N)``.
-    """
-    changes: dict[str, Any] = {}
-    for name, value in parameters(lobe):
-        if isinstance(value, Image):
-            changes[name] = look_up(value) if name in lobe.colours else look_up(value)[0]
-        elif isinstance(value, Parameters):
-            changes[name] = bind(value, row, look_up)
-        elif row is not None:
-            changes[name] = value.take(row, axis=-1)
-    return replace(lobe, **changes)
 
 
 @cache

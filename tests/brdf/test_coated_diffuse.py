@@ -18,8 +18,7 @@ from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
-from dmis.scene.groups import Part
-from dmis.scene.shading_points import bind
+from dmis.scene.groups import Part, bind
 from dmis.testing.lobe import check_lobe
 from dmis.testing.outcome import require
 from dmis.testing.scenes import FLOOR, box_scene, surface
@@ -306,7 +305,7 @@ def test_coats_have_their_own_tables_in_a_scene() -> None:
         points = surface(material, polar(30), 2)
         directions = Directions(points, points.wo)
         for lobe, own in zip(group.reflection, points.reflection, strict=True):
-            got, expected = (np.broadcast_to(one.eval(directions), (3, 2)) for one in (bind(lobe, row, Image), own))
+            got, expected = (np.broadcast_to(one.eval(directions), (3, 2)) for one in (bind(lobe, row, None), own))
             np.testing.assert_allclose(got, expected, rtol=1e-6)
 
 
@@ -317,7 +316,7 @@ def test_image_under_a_coat() -> None:
     uv = np.float32([[0.25, 0.75], [0.5, 0.5]])
     points = surface(dmis.coated_diffuse(0.5, 0.2), polar(30), 2)
     directions = Directions(points, points.wo)
-    got = bind(group.reflection[0], None, lambda image: image(uv)).eval(directions)
+    got = bind(group.reflection[0], None, uv).eval(directions)
     for k, colour in enumerate(texture.texels[0]):
         alone = surface(dmis.coated_diffuse(tuple(colour.tolist()), 0.2), polar(30)).reflection[0].eval(directions)
         np.testing.assert_allclose(got[:, k], alone[:, k], rtol=1e-5)

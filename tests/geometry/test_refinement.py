@@ -14,7 +14,8 @@ from dmis.geometry.refinement import MAX_DIAGONALS, SMALL_RATIO, bodies, diagona
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.scene.groups import Part
-from dmis.scene.scene import RAY_OFFSET, Scene, SceneWarning
+from dmis.scene.ray_offsets import RAY_OFFSET
+from dmis.scene.scene import Scene, SceneWarning
 from dmis.testing.scenes import FLOOR
 
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
@@ -111,7 +112,7 @@ def test_ordinary_scenes_are_not_touched() -> None:
     """A body of more than 1 / `SMALL_RATIO` of the scene: the same scene, the same offsets."""
     side = np.sqrt(2) * SMALL * 2 / SMALL_RATIO
     for scene in (ball_on_ground(SMALL), ball_on_ground(SMALL, joined=True)):
-        assert scene.in_float32[0] is scene and scene.triangle_epsilon is None
+        assert scene.in_float32[0] is scene and scene.epsilon.ndim == 0
     assert np.sqrt(12) * RADIUS > side
     mesh = FLOOR
     assert refine_near_bodies(mesh, bodies(mesh)) is mesh
@@ -129,8 +130,7 @@ def test_offsets_follow_the_triangles() -> None:
     """Rays begin 1e-6 of the larger of a triangle's size and coordinates above it, on the sphere of the sphere's."""
     scene = ball_on_ground(1e5).in_float32[0]
     ground, ball = (part.mesh for part in scene.parts)
-    epsilon = scene.triangle_epsilon
-    assert epsilon is not None
+    epsilon = scene.epsilon
     corners = ground.vertices[ground.faces]
     size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     reach = np.maximum(size, np.abs(corners).max(axis=(1, 2)))
@@ -139,7 +139,7 @@ def test_offsets_follow_the_triangles() -> None:
     nearest = np.abs(corners).max(axis=2).min(axis=1).argmin()
     assert (
         epsilon[nearest] < 3e-4 * RADIUS
-        and epsilon.max() <= scene.epsilon
+        and epsilon.max() <= RAY_OFFSET * np.sqrt(8) * 1e5
         and ball.triangles == len(epsilon) - ground.triangles
     )
 
