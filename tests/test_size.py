@@ -16,7 +16,7 @@ import count_lines  # noqa: E402
 
 LINES = {"dmis": 27_240, "tests": 27_990}
 """Lines of Python files."""
-WORDS = 43_350
+WORDS = 43_500
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""
@@ -24,7 +24,7 @@ LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 1920), "auto": (45, 2500)}
+RENDERS = {"thesis": (36, 1940), "auto": (45, 2520)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 
 

@@ -120,8 +120,8 @@ def compare(
     rows = run_by_key([*results.runs, *Results(folder, results.about).runs])  # the latter's digits, if it has the row
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    again = partial(timed_render, settings, parallel, scene)
-    comparison = Comparison(results.about, runs, results.layers(runs, reference, again), reference, oracle)
+    layers = results.layers(runs, reference, partial(timed_render, settings, parallel, scene))
+    comparison = Comparison(results.about, runs, layers, reference, oracle, results.provenance)
     _draw(comparison, folder)
     return comparison
 
@@ -171,8 +171,8 @@ def summary(c: Comparison) -> str:
     By relMSE, then by MSE: the mean over seeds, its ratio to that of the balance heuristic with these settings, and the
     ratios of error times CPU seconds, with 95 % intervals (`dmis.experiment.convergence.Interval`). The ratio to the
     pinned baseline is last. Lines follow: if few pixels have most of the MSE; for budgets that are too small for their
-    rule, see `fallbacks`; the standard error of the reference; if that is too large, or the mean of an image not that
-    of the reference, see `dmis.experiment.alarm`.
+    rule, see `fallbacks`; the standard error of the reference; if that is too large, the mean of an image not that of
+    the reference, or a pilot makes most of an image's error, see `dmis.experiment.alarm`.
     """
     over = [(f"{name} / balance", f"{name}·CPU s / balance") for name in MEASURES.values()]
     titles = ["spp", "rule", "relMSE", *over[0], "MSE", *over[1], "seconds"]

@@ -15,7 +15,7 @@ import re
 import warnings
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from dmis.fit.registry import make_rule
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
-from dmis.pipeline.result import Result, write_image
+from dmis.pipeline.result import Result, costly_pilot, write_image
 from dmis.scene.scene import Scene
 
 COLUMNS = (
@@ -104,7 +104,9 @@ class Results:
     def __init__(
         self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = (), reference: Reference | None = None
     ) -> None:
-        self.folder, self._path = folder, folder / "results.csv"
+        self.folder = folder
+        self._path = folder / "results.csv"
+        self.provenance: dict[Budget, Mapping[str, Any]] = {}
         self._area = crop_area(about.get("crop"), about["resolution"])
         self._least = dict.fromkeys(("mse", "relmse", "mean_z"), -math.inf)
         if reference is not None:  # (x - r1)(x - r2) is least where x is the mean of both
@@ -146,12 +148,13 @@ class Results:
         """Return the images of `budgets`, with their layers RGB, weight, variance, samples and so on.
 
         One that cannot be read, or whose error is in no row, is rendered `again` with a seed; a UserWarning says so.
+        `provenance` gets that of each.
         """
         images = {}
         for budget in budgets:
             path, rows = self.image(budget), [run for run in self.runs if (run.rule, run.spp) == budget]
             try:
-                layers = images[budget] = read_exr(path)[0]
+                layers, attributes = read_exr(path)
                 if missing := {"RGB", "weight", "light_samples", "brdf_samples"} - set(layers):
                     raise ValueError(f"it has no layer {', '.join(sorted(missing))}")
                 error = mse(layers["RGB"][self._area], reference.cropped(self._area))
@@ -161,7 +164,9 @@ class Results:
                 warnings.warn(f"{path} is rendered again: {reason}", stacklevel=3)
                 path.parent.mkdir(exist_ok=True)
                 write_image(path, again((*budget, rows[0].seed))[0])
-                images[budget] = read_exr(path)[0]
+                layers, attributes = read_exr(path)
+            images[budget] = layers
+            self.provenance[budget] = json.loads(attributes.get("dmis.provenance", "{}"))
         return images
 
     def _row(self, run: Run) -> str:
@@ -250,6 +255,8 @@ class Comparison:
         One image of each rule and budget, with the layers RGB, weight, variance, samples.
     oracle
         Oracle of the scene; None: not rendered.
+    provenance
+        Provenance of each of `pictures`.
     """
 
     about: Mapping[str, Any]
@@ -257,6 +264,7 @@ class Comparison:
     pictures: Mapping[Budget, Mapping[str, Array]]
     reference: Reference
     oracle: Oracle | None
+    provenance: Mapping[Budget, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def scene(self) -> str:
@@ -283,10 +291,12 @@ class Comparison:
         return text if share > FEW_LIMIT else ""
 
     def alarms(self) -> list[str]:
-        """Return lines about a reference that is too noisy and about images with another mean; "" if there are none."""
+        """Return lines about a reference that is too noisy, images with another mean, and costly pilots; or ""."""
         errors = (float(np.mean([run.mse for run in by_seed])) for by_seed in self.runs.values())
         noise = alarm.reference_noise(self.window, errors)
-        return [noise, alarm.summary(run for by_seed in self.runs.values() for run in by_seed)]
+        means = alarm.summary(run for by_seed in self.runs.values() for run in by_seed)
+        pilots = {budget: costly_pilot(provenance) for budget, provenance in self.provenance.items()}
+        return [noise, means, *(f"{rule} at {spp} spp: {text}." for (rule, spp), text in pilots.items() if text)]
 
     @property
     def seeds(self) -> int:

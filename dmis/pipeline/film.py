@@ -216,3 +216,20 @@ def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Ar
         with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
             image[row], deviation[row] = mean, np.sqrt(variance) * gain
     return image, deviation
+
+
+def pilot_shares(parts: list[tuple[Film, int]]) -> dict[str, float]:
+    """Return the shares that all images but the first, those of pilots, have of the average with these weights.
+
+    ``pilot_samples`` is that of the weights, ``pilot_variance`` that of the variance, where this is known.
+    """
+    total = sum(n for _, n in parts)
+    variances = []
+    for film, n in parts:
+        freedom = np.where(np.asarray(film.n) > 1, film.n - 1, np.nan)  # one sample has no variance
+        # (n_k / n)^2 V_k, the variance of the average due to image k
+        variances.append(np.square(film.root * (n / total), dtype=np.float64) / (freedom * film.n))
+    known = np.isfinite(sum(variances))
+    of_parts = [float(v.sum(where=known)) for v in variances]
+    of_pilots = sum(of_parts[1:]) / max(sum(of_parts), 1e-300)
+    return {"pilot_samples": 1 - parts[0][1] / total, "pilot_variance": of_pilots}

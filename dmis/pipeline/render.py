@@ -14,7 +14,7 @@ from typing import Any
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
-from dmis.pipeline.film import average_films
+from dmis.pipeline.film import average_films, pilot_shares
 from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.progress import Progress, reporting
@@ -96,4 +96,5 @@ def render_job(
         raise ValueError(f"rule {job.rule_text} must yield a Round with an image_weight; got none")
     image.reverse()  # the final film first, whose arrays the average overwrites
     job, final = (stop.job, stop.final) if stop else (job, final)
-    return make_result(job, final, average_films(image, job.gain), passes, time.perf_counter() - began)
+    shares = pilot_shares(image) if len(image) > 1 else {}
+    return make_result(job, final, average_films(image, job.gain), shares, passes, time.perf_counter() - began)

@@ -25,6 +25,8 @@ FEW = 4.0
 """A pixel of a firefly is the work of fewer than this many of its samples."""
 SPREADS = 6.0
 """And is this many standard errors of its neighbours brighter than they are."""
+COSTLY = 0.2
+"""Least share of a pilot in the variance of an image that is worth a line in reports."""
 
 
 def write_image(path: str | os.PathLike[str], result: Result | Array, exposure: float = 1.0) -> None:
@@ -146,13 +148,22 @@ class Result:
         return find_fireflies(self.image, self.variance, self.samples)
 
 
-def make_result(job: Job, final: Round, image: tuple[Array, Array], passes: Passes, total: float) -> Result:
+def make_result(
+    job: Job,
+    final: Round,
+    image: tuple[Array, Array],
+    pilot_shares: Mapping[str, float],
+    passes: Passes,
+    total: float,
+) -> Result:
     """Return the result of a job, whose last round was `final`.
 
     Parameters
     ----------
     image
         The image and its deviation.
+    pilot_shares
+        Shares of the image that a pilot has, for the provenance, see `dmis.pipeline.film.pilot_shares`.
     passes
         The passes that rendered the rounds.
     total
@@ -183,7 +194,21 @@ def make_result(job: Job, final: Round, image: tuple[Array, Array], passes: Pass
         seconds={**seconds, "embree": passes.embree_seconds, "workers": passes.worker_seconds},
         rays=rays,
         maps=final.maps,
-        describe=lambda: {**described.provenance, **of_image},
+        describe=lambda: {**described.provenance, **of_image, **pilot_shares},
+    )
+
+
+def costly_pilot(provenance: Mapping[str, Any]) -> str:
+    """Return a text if a pilot that is part of the image makes too much of its variance; else "".
+
+    That is more than `COSTLY`, and than twice its share of the samples.
+    """
+    samples, variance = (provenance.get(key, 0) for key in ("pilot_samples", "pilot_variance"))
+    if variance <= max(COSTLY, 2 * samples):
+        return ""
+    return (
+        f"the pilot is {samples:.0%} of the image's samples and makes {variance:.0%} of its variance; leave it out "
+        f"by reuse_pilot=False, or by an image_weight of 0 in its round"
     )
 
 

@@ -67,6 +67,24 @@ def test_warning_of_a_noisy_reference(tmp_path):
         assert '<p class="alarm">' not in page.replace('<p class="alarm">⚠ The reference', "")
 
 
+@pytest.mark.usefixtures("without_plots")
+def test_a_pilot_that_makes_most_of_the_variance_is_named(tmp_path):
+    """That of BRDF or light samples alone, on request; not one whose samples are as good as the final ones.
+
+    Both when the images are rendered and when they are read.
+    """
+    scene = shared_scene("tt", (16, 12))
+    good, bad = "second-moment:sampler=independent", "thesis:reuse=yes,sampler=independent"
+    reference = dmis.make_reference(scene, 16, integrator="direct")
+    for _ in range(2):
+        comparison = compare(scene, [good, bad], [32], [0], reference, tmp_path, parallel=1, integrator="direct")
+        lines = [line for line in summary(comparison).splitlines() if "the pilot is" in line]
+        page = (tmp_path / "report.html").read_text("utf-8")
+        assert len(lines) == 1 and page.count("⚠ thesis:reuse=yes,sampler=independent at 32 spp: the pilot is") == 1
+    text = rf"{bad} at 32 spp: the pilot is 19% of the image's samples and makes \d\d% of its variance; leave it out "
+    assert re.fullmatch(text + r"by reuse_pilot=False, or by an image_weight of 0 in its round\.", lines[0])
+
+
 @pytest.mark.parametrize("errors, noisy", [([0.9, 0.21], False), ([0.9, 0.19], True), ([-1e-9], True), ([], False)])
 def test_noise_of_a_reference(errors, noisy):
     """Its own error of 0.01 is 5 % of 0.2; one image given as both halves has none that is known."""

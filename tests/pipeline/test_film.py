@@ -10,7 +10,9 @@ from dmis import Settings
 from dmis.base.patches import PATCH
 from dmis.fit.round import Round
 from dmis.pipeline.checkpoint import Store
-from dmis.pipeline.film import FilmTile, PassFilm
+from dmis.pipeline.film import FilmTile, PassFilm, pilot_shares
+from dmis.pipeline.result import costly_pilot
+from dmis.variance.moments import Film
 
 RESOLUTION = (2 * PATCH, PATCH + 1)
 ROUND = Round(2, pixel_shares(0.5), Settings())
@@ -59,3 +61,24 @@ def test_tiles_of_a_checkpoint_are_those_that_were_appended(tiles, tmp_path):
         for name in ("mean", "root"):
             np.testing.assert_array_equal(getattr(read, name), getattr(tile, name))
         np.testing.assert_array_equal(read.sums["curve"], tile.sums["curve"])
+
+
+def test_variance_of_the_pilot_in_an_image():
+    """Weights 6 and 2; variances of the mean 12 / (4 3) = 1 and 6 / (2 1) = 3 in one pixel, unknown in the other."""
+    shape = (1, 2, 3)
+    final = Film(4, np.ones(shape, np.float32), np.full(shape, np.sqrt(12), np.float32))
+    pilot = Film(np.array([[[2], [1]]]), np.full(shape, 5, np.float32), np.full(shape, np.sqrt(6), np.float32))
+    shares = pilot_shares([(final, 6), (pilot, 2)])
+    assert shares == {"pilot_samples": 0.25, "pilot_variance": pytest.approx(3 * 2**2 / (6**2 + 3 * 2**2))}
+
+
+@pytest.mark.parametrize(
+    "samples, variance, named", [(0.06, 0.81, True), (0.06, 0.19, False), (0.2, 0.39, False), (0.2, 0.41, True)]
+)
+def test_pilots_that_are_named(samples, variance, named):
+    """With more than a fifth of the variance, and more than twice their share of the samples."""
+    text = costly_pilot({"pilot_samples": samples, "pilot_variance": variance})
+    assert bool(text) == named and (
+        not named or f"is {samples:.0%} of the image's samples and makes {variance:.0%}" in text
+    )
+    assert costly_pilot({}) == ""
