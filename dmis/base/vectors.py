@@ -71,6 +71,20 @@ def take(a: Array, index: Selection | None) -> Array:
     return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1, mode="wrap")
 
 
+def take_optional(values: Array | None, index: Selection | None) -> Array | None:
+    """Return `take` of the values; None if they are None."""
+    return None if values is None else take(values, index)
+
+
+def accumulate(total: Array, value: Array, index: Selection | None) -> None:
+    """Add `value` ``(3, K)`` to the columns `index` of `total` (None: all of them), repeated ones included."""
+    if index is None or isinstance(index, slice):
+        total[:, index or slice(None)] += value
+        return
+    for row, values in zip(total, value, strict=True):
+        np.add.at(row, index, values)
+
+
 def columns(table: Array, index: Index) -> Array:
     """Return the rows `index` ``(N,)`` of a table ``(T, C)`` as columns ``(C, N)``, transposed block by block."""
     transposed = np.empty((table.shape[1], len(index)), table.dtype)

@@ -25,10 +25,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.vectors import Array, compose
+from dmis.base.vectors import Array, compose, take, take_optional
+from dmis.estimator.patterns import LightSubsets
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
-from dmis.samplers.streams import RoundingSampler, Sampler
+from dmis.samplers.streams import Numbers
 
 
 def shares_of(weight: Array | float | Sequence[float]) -> Array:
@@ -47,33 +48,34 @@ class Counts:
 
     Attributes
     ----------
-    per_technique
-        How many go to each technique but the last, which has the rest: ``(N,)`` int8, or one int for all camera
-        samples.
+    of_technique
+        How many go to each of the K techniques: ``(N,)`` int8, or one int for all camera samples.
     samples_before
         How many of its pixel's shading samples went to each technique before this camera sample, ``(K, N)``; None if
         the same number goes there every time, or at random, or if it was not tracked.
     """
 
-    per_technique: tuple[np.ndarray | int, ...]
+    of_technique: tuple[np.ndarray | int, ...]
     samples_before: np.ndarray | None = None
 
     @property
     def first(self) -> np.ndarray | int:
         """Number of samples of the first technique."""
-        return self.per_technique[0]
+        return self.of_technique[0]
 
-    def of_every_camera_sample(self, k: int, shading_samples: int) -> int | None:
-        """Return how many of S shading samples every camera sample gives to technique `k`; None if they differ."""
-        counts = [n for n in self.per_technique if isinstance(n, int)]
-        if len(counts) < len(self.per_technique):
-            return None
-        return counts[k] if k < len(counts) else shading_samples - sum(counts)
+    def of_every_camera_sample(self, technique: int) -> int | None:
+        """See `dmis.samplers.streams.Places`."""
+        count = self.of_technique[technique]
+        return count if isinstance(count, int) else None
+
+    def before(self, technique: int) -> Array | None:
+        """See `dmis.samplers.streams.Places`."""
+        return None if self.samples_before is None else self.samples_before[technique]
 
     def take(self, index: np.ndarray) -> Counts:
         """Return the counts of the camera samples `index`."""
         samples_before = None if self.samples_before is None else self.samples_before.take(index, axis=1)
-        return Counts(tuple(n if isinstance(n, int) else n.take(index) for n in self.per_technique), samples_before)
+        return Counts(tuple(n if isinstance(n, int) else n.take(index) for n in self.of_technique), samples_before)
 
 
 def allocate(
@@ -82,7 +84,7 @@ def allocate(
     pixel: np.ndarray,
     number: np.ndarray,
     offset: Array,
-    rng: np.random.Generator | None,
+    at_random: Numbers | None,
     track_sequence: bool = True,
 ) -> Counts:
     """Divide the shading samples of N camera samples.
@@ -97,34 +99,37 @@ def allocate(
         Pixel of each camera sample, and number of the sample within it, ``(N,)``.
     offset
         Random offsets of the systematic rounding in [0, 1), ``(K - 1, P)``.
-    rng
+    at_random
         None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
         model of MIS), with numbers from here.
     track_sequence
         Whether to count `Counts.samples_before`, which only samplers with a sequence ask for.
     """
-    if shares.shape[1] == 1 and (rng is None or (shares == 1).any()):
-        whole = [float(shading_samples * share) for share in shares[:-1, 0]]
-        if all(n.is_integer() for n in whole):
-            return Counts(tuple(int(n) for n in whole))
-    if rng is not None:
-        return _random_counts(shares, shading_samples, pixel, rng)
-    per_technique: list[np.ndarray] = []
+    if shares.shape[1] == 1 and (at_random is None or (shares == 1).any()):
+        all_but_last = [float(shading_samples * share) for share in shares[:-1, 0]]
+        if all(n.is_integer() for n in all_but_last):
+            equal = [int(n) for n in all_but_last]
+            return Counts((*equal, shading_samples - sum(equal)))
+    if at_random is not None:
+        return _random_counts(shares, at_random.techniques(shading_samples, len(pixel)), pixel)
+    of_technique: list[np.ndarray] = []
     samples_before: list[np.ndarray] = []
-    slot, left = number * shading_samples, np.asarray(shading_samples)
+    slot = number * shading_samples
+    left = np.asarray(shading_samples)
     for k, (share, of_pixel) in enumerate(zip(shares[:-1], offset, strict=True)):
         fraction = share.astype(np.float64)  # of what the techniques before it have left
         if k:
             rest = shares[k:].sum(axis=0, dtype=np.float64)
             fraction = np.divide(fraction, rest, out=np.zeros_like(rest), where=rest > 0)
-        fraction, start = _of_samples(fraction, pixel), of_pixel.take(pixel)
+        fraction = _of_samples(fraction, pixel)
+        start = of_pixel.take(pixel)
         before, after = ((n * fraction + start).astype(np.int32) for n in (slot, slot + left))  # rounded down
-        per_technique.append(after - before)
+        of_technique.append(after - before)
         samples_before.append(before)
-        slot, left = slot - before, left - per_technique[-1]
-    return Counts(
-        tuple(n.astype(np.int8) for n in per_technique), np.stack([*samples_before, slot]) if track_sequence else None
-    )
+        slot = slot - before
+        left = left - of_technique[-1]
+    counts = tuple(n.astype(np.int8) for n in (*of_technique, left))
+    return Counts(counts, np.stack([*samples_before, slot]) if track_sequence else None)
 
 
 def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
@@ -132,12 +137,12 @@ def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
     return of_pixels if of_pixels.size == 1 else of_pixels.take(pixel)
 
 
-def _random_counts(shares: Array, shading_samples: int, pixel: np.ndarray, rng: np.random.Generator) -> Counts:
-    """Return the counts of N camera samples each of whose shading samples picks its technique at random."""
-    u = rng.random((shading_samples, len(pixel)), dtype=np.float32)
+def _random_counts(shares: Array, u: Array, pixel: np.ndarray) -> Counts:
+    """Return the counts of N camera samples, each of whose shading samples picks its technique by a number of u."""
     bounds = (_of_samples(bound, pixel) for bound in itertools.accumulate(shares[:-1]))
     below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
-    return Counts(tuple(np.diff(below, axis=0, prepend=np.int8(0))))
+    all_of_them = np.full(len(pixel), len(u), np.int8)
+    return Counts(tuple(np.diff([*below, all_of_them], axis=0, prepend=np.int8(0))))
 
 
 # Camera samples of a tile --------------------------------------------------------------------------------------------
@@ -159,22 +164,32 @@ class SampleBlock:
 
 @dataclass(frozen=True, eq=False)
 class CameraSamples:
-    """N camera samples of one batch and the allocation of their shading samples.
+    """N camera samples of one batch, and how their shading samples are divided.
 
     Attributes
     ----------
     pixel, number
         Pixel of each camera sample in the tile, and its number in the sequence of the pixel, ``(N,)``.
+    shares
+        Shares w_k of the K techniques, ``(K, N)``, or ``(K, 1)`` if those of all camera samples are the same.
     counts
-        Shading samples of each technique, descending for the first technique, as `dmis.estimator.batch.Batch` needs.
+        How many shading samples go to each technique; falling for the first, so that those with the same number are a
+        slice at the first surface, and nothing needs to be gathered.
+    tilt
+        Shares t_k of the balance heuristic, shaped like `shares`; None: the heuristic uses `shares`.
+    subsets
+        Which of them sample each light at the first surface; None: all of them sample all lights.
     order
         Positions of the camera samples in the blocks, ``(N,)``; None: the order of the blocks.
     """
 
     pixel: np.ndarray
     number: np.ndarray
+    shares: Array
     counts: Counts
-    order: np.ndarray | None
+    tilt: Array | None = None
+    subsets: LightSubsets | None = None
+    order: np.ndarray | None = None
 
     def restore_order(self, values: Array, records: Sequence[Record] | None) -> tuple[Array, Sequence[Record]]:
         """Return `values` ``(3, N)`` of the camera samples, and `records` of them, in the order of the blocks."""
@@ -192,56 +207,69 @@ class SampleAllocation:
 
     Parameters
     ----------
-    shares
-        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all pixels are the same.
-    begin
-        Number of the first camera sample of each pixel in its sequence, ``(P,)`` or one number.
+    shares, tilt
+        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all P pixels are the same; see `CameraSamples`.
     pixels
         P, number of pixels of the tile.
-    rng
-        Source of the offsets, and of techniques that are picked at random.
-    sampler
-        Sampler of the tile; a `RoundingSampler` makes the offsets.
+    numbers
+        Offsets of roundings, and techniques that are picked at random, come from here.
+    spp, begin
+        Camera samples of each pixel, and number of the first in its sequence, ``(P,)`` or one number each.
+    halvings
+        Of each light, ``(L + 1, P)``, see `dmis.estimator.patterns.PatternMap`; None: all samples sample all lights.
     """
 
     def __init__(
         self,
         shares: Array,
-        begin: Array | int,
         pixels: int,
         settings: Settings,
-        rng: np.random.Generator,
-        sampler: Sampler,
+        numbers: Numbers,
+        *,
+        spp: Array | int = 0,
+        begin: Array | int = 0,
+        tilt: Array | None = None,
+        halvings: np.ndarray | None = None,
     ) -> None:
-        self._shares, self._begin, self._sampler, self._settings = shares, begin, sampler, settings
-        self._offset, self._keeps_order = rng.random((len(shares) - 1, pixels)), np.ones(1, bool)
-        if isinstance(sampler, RoundingSampler):
-            # numbers of the pixels, and not of the tile
-            self._offset = sampler.rounding_offsets(len(self._offset)).astype(float)
-            counts = settings.shading_samples * shares.astype(float)
-            self._keeps_order = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
-        self._rng = rng if settings.allocation == "random" else None
+        self._shares, self._tilt = shares, tilt
+        self._spp, self._begin = np.broadcast_to(spp, pixels), np.broadcast_to(begin, pixels)
+        self._halvings = halvings
+        self._settings, self._numbers = settings, numbers
+        self._offset = numbers.rounding_offsets(len(shares) - 1, pixels)
+        counts = settings.shading_samples * shares.astype(float)
+        self._keeps_order = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
 
     def camera_samples(self, blocks: Sequence[SampleBlock]) -> CameraSamples:
         """Return the camera samples of `blocks` in the order of their counts for the first technique, descending."""
         pixel, number = (
             np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
         )
-        number = number + (self._begin if isinstance(self._begin, int) else self._begin.take(pixel))
+        number = number + self._begin.take(pixel)
+        settings = self._settings
         counts = allocate(
             self._shares,
-            self._settings.shading_samples,
+            settings.shading_samples,
             pixel,
             self._sequence_numbers(pixel, number),
             self._offset,
-            self._rng,
-            self._settings.sampler != "independent",
+            self._numbers if settings.allocation == "random" else None,
+            settings.sampler != "independent",
         )
-        if isinstance(counts.first, int):
-            return CameraSamples(pixel, number, counts, None)
-        first = counts.first  # few different numbers: this takes less time than a stable sort
-        order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
-        return CameraSamples(pixel.take(order), number.take(order), counts.take(order), order)
+        order = None
+        first = counts.first
+        if not isinstance(first, int):
+            # few different numbers: this takes less time than a stable sort
+            order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
+            pixel, number, counts = pixel.take(order), number.take(order), counts.take(order)
+        shares, tilt = take(self._shares, pixel), take_optional(self._tilt, pixel)
+        return CameraSamples(pixel, number, shares, counts, tilt, self._subsets(pixel, number), order)
+
+    def _subsets(self, pixel: np.ndarray, number: np.ndarray) -> LightSubsets | None:
+        """Return which of the camera samples sample each light; None if all sample all lights."""
+        if self._halvings is None:
+            return None
+        within_round = number - self._begin.take(pixel)
+        return LightSubsets(self._halvings.take(pixel, axis=1), within_round, self._spp.take(pixel))
 
     def _sequence_numbers(self, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
         """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.
@@ -249,10 +277,8 @@ class SampleAllocation:
         In the order of the points, regular counts would alias with the digits of the place in the pixel: at w = 1/2 and
         S = 1 all light samples would be in one half of it. Pixels whose counts need no rounding keep the order.
         """
-        if self._keeps_order.all():
-            return number
-        assert isinstance(self._sampler, RoundingSampler)
-        return np.where(self._keeps_order.take(pixel, mode="clip"), number, self._sampler.rounding_order(number))
+        in_order = None if self._keeps_order.all() else self._numbers.rounding_order(number)
+        return number if in_order is None else np.where(self._keeps_order.take(pixel, mode="clip"), number, in_order)
 
 
 def sample_batches(spp: np.ndarray | int, pixels: np.ndarray, size: int) -> Iterator[list[SampleBlock]]:

@@ -12,7 +12,7 @@ divided into sub-blocks, as the m are (`dmis.variance.moments`), to estimate the
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -99,7 +99,7 @@ class PatternMap:
         return before * first.astype(np.int32) + samples * pattern.astype(np.int32)[:, self.pattern]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class LightSubsets:
     """Subsets of the N camera samples of a batch that sample each light.
 
@@ -111,11 +111,17 @@ class LightSubsets:
         Number of each camera sample within its pixel and the round, ``(N,)``.
     samples
         m, camera samples of its pixel in the round, ``(N,)``.
+    radiance
+        Weighted radiance from lights that a subset samples, by its sub-blocks, ``(B, 3, N)``, added to.
     """
 
     halvings: np.ndarray
     number: np.ndarray
     samples: np.ndarray
+    radiance: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.radiance = np.zeros((BLOCKS, 3, len(self.number)), np.float32)
 
     def of_light(self, light: int, sample: Selection | None) -> tuple[np.ndarray, Array, np.ndarray] | None:
         """Return the subset of the camera samples `sample` for a light, its weights, and its sub-blocks, ``(M,)`` each.

@@ -27,8 +27,6 @@ class Vertices:
         Delta lobes that led here, or in path tracing the number of vertices before: keys of random numbers.
     radiance
         Radiance reflected or emitted towards the vertex before, ``(3, N)``, added to.
-    beyond
-        Whether `surface` is seen from the other side, see `ShadingPoints.beyond`.
     """
 
     surface: ShadingPoints
@@ -36,7 +34,6 @@ class Vertices:
     throughput: Array | None
     path: tuple[int, ...]
     radiance: Array
-    beyond: bool = False
 
 
 @dataclass(eq=False)
@@ -58,9 +55,9 @@ class Samples:
     light_sample
         Directions, and what they see of the light.
     shares
-        Shares w_k of the techniques, as in `dmis.estimator.batch.Batch.shares`.
+        Shares w_k of the techniques, as in `dmis.estimator.allocation.CameraSamples`.
     tilt
-        Shares of the heuristic, as in `dmis.estimator.batch.Batch.tilt`.
+        Shares of the heuristic, as in `dmis.estimator.allocation.CameraSamples`.
     """
 
     technique_index: int
@@ -91,11 +88,12 @@ def record_samples(
     contribution, visible
         ``W f / (w_k p_k S)``, ``(3, V)``, and which V of those L samples have it. The others' is 0.
     """
-    assert batch.records is not None
+    assert batch.log.records is not None
     value = np.zeros((3, pdf.shape[1]), np.float32)
     value[:, slice(None) if visible is None else visible] = contribution * np.float32(batch.settings.shading_samples)
     vertex = compose(samples.vertex, lit)
     if vertices.throughput is not None:
         value *= take(vertices.throughput, vertex)
     camera_sample = compose(vertices.sample, vertex)
-    batch.records.append(Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf))
+    record = Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf)
+    batch.log.records.append(record)

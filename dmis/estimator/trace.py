@@ -7,20 +7,22 @@ surface does (`dmis.estimator.path`).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
 
-from dmis.base.vectors import Array, Selection, compose, indices, size, take
+from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
 from dmis.estimator.batch import Batch
-from dmis.estimator.batching import accumulate, count_rays, point_chunks, take_optional
 from dmis.estimator.cost import UNTRACED
-from dmis.estimator.direct import add_direct_light
+from dmis.estimator.direct import add_direct_light, count_rays
 from dmis.estimator.path import Rays, bounce, merge, scatter
 from dmis.estimator.samples import Vertices
 from dmis.intersect import Hits
-from dmis.samplers.pixel_block import CONTINUE
 from dmis.scene.shading_points import ShadingPoints
+
+POINTS = 2**17
+"""Surface points of a group that are shaded at a time: many more take memory, and are not faster."""
 
 
 def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection | None = None) -> Array:
@@ -83,11 +85,8 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
             out = np.zeros(surface.wo.shape, np.float32)
             if emits and emission is not None:
                 out += emission * take(np.asarray(rays.adds_emission), index)
-            if group.reflection and not last:
+            if not last:
                 add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out))
-            if group.transmission and not last:
-                far = surface.beyond()
-                add_direct_light(batch, Vertices(far, sample, throughput, rays.path, out, beyond=True))
             if throughput is not None:
                 out *= throughput
             yield out, sample
@@ -95,6 +94,18 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
                 following += _path_ray(batch, rays, surface, sample, throughput)
             elif group.delta and not last:
                 following += _delta_rays(batch, rays, surface, sample, throughput)
+
+
+def point_chunks(index: Index | None, n: int) -> Iterator[Selection | None]:
+    """Yield the selection `index` of n points (None: all) in parts of at most `POINTS`."""
+    number = size(index, n)
+    if number <= POINTS:
+        if number:
+            yield index
+        return
+    edges = np.linspace(0, number, -(-number // POINTS) + 1).astype(int).tolist()
+    for begin, end in itertools.pairwise(edges):
+        yield slice(begin, end) if index is None else index[begin:end]
 
 
 def _sky(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Selection | None]]:
@@ -117,8 +128,8 @@ def _path_ray(
         return []  # the light that one more surface would send was gathered here
     if not (surface.reflection or surface.transmission or surface.delta):
         return []
-    u = batch.sampler.draw((*rays.path, CONTINUE), sample)
-    continued = bounce(surface, sample, throughput, rays.depth, u, batch.rng, last=ends)
+    u = batch.numbers.onward(rays.path, sample)
+    continued = bounce(surface, sample, throughput, rays.depth, u, batch.numbers.rng, last=ends)
     return [] if continued is None else [continued]
 
 

@@ -18,6 +18,7 @@ from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings
+from dmis.estimator.technique import Technique, technique_by_name
 from dmis.fit.sample_numbers import whole_samples
 from dmis.samplers.streams import stream
 from dmis.scene.plan import Plan
@@ -118,6 +119,17 @@ class Round:
                 f"spp of a round with an image_weight must be at least 1, because every pixel of the image needs "
                 f"samples; got {np.min(self.spp)}"
             )
+
+    @property
+    def mixture(self) -> tuple[Technique, ...]:
+        """The techniques that share the samples."""
+        return tuple(map(technique_by_name, self.settings.techniques))
+
+    @property
+    def halvings(self) -> np.ndarray | None:
+        """Halvings of each light, ``(L + 1, P)``, see `dmis.estimator.patterns.PatternMap`; None: there are none."""
+        halvings = None if self.patterns is None else self.patterns.halvings
+        return None if halvings is None else halvings.reshape(len(halvings), -1)
 
     def of_area(self, area: tuple[slice, slice]) -> Round:
         """Return the round of the pixels of an area of the image, as views; without `before` and `maps`."""

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmis.estimator.allocation import Counts
+from dmis.estimator.allocation import CameraSamples, Counts
 from dmis.estimator.batch import Batch
 from dmis.estimator.settings import Settings
+from dmis.estimator.technique import BRDF, LIGHT
 from dmis.estimator.trace import radiance
 from dmis.formats.model import Model
 from dmis.light.coincident import find_overlaps, lamp_triangles
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS
+from dmis.samplers.streams import SAMPLERS, Numbers
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene, SceneWarning
@@ -71,10 +72,16 @@ def lit_share(scene: Scene) -> float:
     width, height = scene.camera.resolution
     origin, direction = scene.camera.lens_rays(x * width, y * height)
     settings = Settings(integrator="path", max_depth=4, sampler="independent")
-    sampler = SAMPLERS["independent"](PixelBlock(rng, 1, np.arange(places), [SPP], settings.shading_samples))
-    sampler.start(np.tile(np.arange(places), SPP), np.repeat(np.arange(SPP), places))
-    shares = np.full((2, 1), 0.5, np.float32)
-    batch = Batch(scene, scene.intersector, settings, sampler, rng, shares, Counts((settings.shading_samples // 2,)))
+    block = PixelBlock(rng, 1, np.arange(places), [SPP], settings.shading_samples)
+    numbers = Numbers(SAMPLERS["independent"](block), rng)
+    samples = CameraSamples(
+        pixel=np.tile(np.arange(places), SPP),
+        number=np.repeat(np.arange(SPP), places),
+        shares=np.full((2, 1), 0.5, np.float32),
+        counts=Counts((1, 1)),
+    )
+    numbers.start(samples.pixel, samples.number)
+    batch = Batch(scene, scene.intersector, settings, (LIGHT, BRDF), samples, numbers)
     emits = np.repeat([part.light is not None for part in scene.parts], [part.mesh.triangles for part in scene.parts])
     prim = scene.intersector.closest(origin, direction).prim
     reflected = radiance(batch, origin, direction).max(axis=0) * ~((prim >= 0) & emits[prim])

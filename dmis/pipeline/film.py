@@ -14,6 +14,7 @@ import numpy as np
 from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
+from dmis.estimator.batch import Log
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Record, Statistic
 from dmis.fit.round import Round
@@ -36,14 +37,16 @@ class Observers:
     ----------
     statistic
         The statistic of the round; None: there is none.
+    rays
+        Rays traced so far, by kind.
     """
 
     def __init__(self, round_: Round, shape: tuple[int, int]) -> None:
         pixels, settings = shape[0] * shape[1], round_.settings
         self._shape, self._shading_samples = shape, settings.shading_samples  # without those of `Round.patterns`
-        has_subsets = round_.patterns is not None and round_.patterns.halvings is not None
-        in_blocks = has_subsets or is_sequence(settings.sampler)
+        in_blocks = round_.halvings is not None or is_sequence(settings.sampler)
         self._moments = SubBlocks(round_.spp, pixels) if in_blocks else PixelMoments(pixels)
+        self.rays = Counter[str]()
         self.statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
         samples = round_.spp * np.full(pixels, self._shading_samples)
         self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
@@ -54,25 +57,17 @@ class Observers:
                 colour[at] = number
             self._colour = colour.reshape(-1)
 
-    def new_records(self) -> list[Record] | None:
-        """Return an empty list for the shading samples of a batch, or None if nobody reads them."""
-        return None if self.statistic is None and self._collector is None else []
-
-    def colours(self, pixel: np.ndarray) -> np.ndarray | None:
-        """Return the colours of camera samples, by which their rays are counted; None if they are not."""
-        return None if self._colour is None else self._colour.take(pixel)
+    def new_log(self) -> Log:
+        """Return the log of a batch: it counts `rays`, and has a list for shading samples if somebody reads them."""
+        reads_records = self.statistic is not None or self._collector is not None
+        return Log(self.rays, self._colour, [] if reads_records else None)
 
     def add(
-        self,
-        blocks: Sequence[SampleBlock],
-        samples: CameraSamples,
-        records: list[Record] | None,
-        values: Array,
-        subset_radiance: Array | None = None,
+        self, blocks: Sequence[SampleBlock], samples: CameraSamples, values: Array, records: list[Record] | None
     ) -> None:
-        """Add the camera samples of one batch, their radiance ``(3, N)`` and their shading samples.
+        """Add the camera samples of one batch, their radiance ``(3, N)`` and the records of their shading samples.
 
-        `subset_radiance` ``(B, 3, N)`` is added to the sub-blocks, see `dmis.estimator.batch.Batch`.
+        What subsets of them see of lights is added to the sub-blocks, see `dmis.estimator.patterns.LightSubsets`.
         """
         if self._collector is not None:
             first = np.broadcast_to(samples.counts.first, len(samples.pixel))
@@ -86,9 +81,10 @@ class Observers:
             end = begin + block.count * len(block.pixels)
             of_block = values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
             self._moments.add(of_block, block.pixels, block.first)
-            if subset_radiance is not None:
+            if samples.subsets is not None:
                 assert isinstance(self._moments, SubBlocks)
-                by_block = subset_radiance[..., begin:end].reshape(*subset_radiance.shape[:2], block.count, -1)
+                radiance = samples.subsets.radiance[..., begin:end]
+                by_block = radiance.reshape(*radiance.shape[:2], block.count, -1)
                 sums = by_block.sum(axis=2, dtype=np.float64)
                 self._moments.add_sums(sums, block.pixels)
             begin = end

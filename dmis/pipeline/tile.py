@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dmis.base.patches import PATCH
-from dmis.base.vectors import Array, indices, take
-from dmis.estimator.allocation import CameraSamples, SampleAllocation, sample_batches
+from dmis.base.vectors import Array, indices
+from dmis.estimator.allocation import SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
-from dmis.estimator.batching import take_optional
-from dmis.estimator.patterns import BLOCKS, LightSubsets
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import RayCaster, TimedCaster
 from dmis.pipeline.film import FilmTile, Observers, patch_sums
-from dmis.samplers.pixel_block import LENS, PixelBlock
-from dmis.samplers.streams import SAMPLERS, Sampler, stream
+from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.streams import SAMPLERS, Numbers, stream
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Moments
 
@@ -71,12 +68,13 @@ class Tile:
         spp = self.round.spp
         return self.pixels * spp if isinstance(spp, int) else int(spp.sum())
 
-    def sampler(self, settings: Settings, width: int, rng: np.random.Generator) -> Sampler:
-        """Return the sampler of the pixels, in an image of `width` pixels."""
+    def numbers(self, settings: Settings, width: int, rng: np.random.Generator) -> Numbers:
+        """Return the random numbers of the pixels, in an image of `width` pixels."""
         rows, columns = np.arange(*self.rows), np.arange(*self.columns)
         pixels = (rows[:, None] * width + columns).reshape(-1)
         stops = np.unique(self.round.spp + self.round.begin).tolist()
-        return SAMPLERS[settings.sampler](PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples))
+        block = PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples)
+        return Numbers(SAMPLERS[settings.sampler](block), rng)
 
     def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
         """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""
@@ -87,16 +85,6 @@ class Tile:
         for pixels, n, (n_l, n_b) in patterns.groups(np.broadcast_to(spp, self.pixels)):
             shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
             yield pixels, n, shares, replace(settings, shading_samples=n_l + n_b)
-
-
-def _light_subsets(round_: Round, samples: CameraSamples, pixels: int) -> LightSubsets | None:
-    """Return the subsets of a batch's camera samples that sample each light; None if all sample all lights."""
-    halvings = None if round_.patterns is None else round_.patterns.halvings
-    if halvings is None:
-        return None
-    begin = round_.begin if isinstance(round_.begin, int) else round_.begin.take(samples.pixel)
-    n = np.broadcast_to(round_.spp, pixels).take(samples.pixel)
-    return LightSubsets(halvings.reshape(len(halvings), -1).take(samples.pixel, axis=1), samples.number - begin, n)
 
 
 def batch_size(settings: Settings) -> int:
@@ -158,32 +146,36 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
         If a pixel is not finite.
     """
     tile = replace(tile, round=replace(tile.round.in_row_order(), settings=resolve_auto(tile.round.settings, scene)))
-    rng, rays = stream(tile.seed, tile.pass_, tile.number), Counter[str]()
+    round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
     timed = TimedCaster(caster or scene.intersector)
-    observers = Observers(tile.round, tile.shape)
+    observers = Observers(round_, tile.shape)
     covered = _covered_pixels(scene, tile)
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
     for pixels, spp, shares, settings in tile.groups():
-        sampler = tile.sampler(settings, scene.camera.resolution[0], rng)
-        allocation = SampleAllocation(shares, tile.round.begin, tile.pixels, settings, rng, sampler)
+        numbers = tile.numbers(settings, scene.camera.resolution[0], rng)
+        allocation = SampleAllocation(
+            shares,
+            tile.pixels,
+            settings,
+            numbers,
+            spp=round_.spp,
+            begin=round_.begin,
+            tilt=round_.tilt,
+            halvings=round_.halvings,
+        )
         for blocks in sample_batches(spp, pixels, batch_size(settings)):
             # n_1 of the S shading samples of a camera sample to the first technique, w S on average
             samples = allocation.camera_samples(blocks)
-            sampler.start(samples.pixel, samples.number)
-            shares_of_samples, records = take(shares, samples.pixel), observers.new_records()
-            tilt = take_optional(tile.round.tilt, samples.pixel)
-            batch = Batch(scene, timed, settings, sampler, rng, shares_of_samples, samples.counts, tilt, rays, records)
-            batch.colour = observers.colours(samples.pixel)
-            batch.light_subsets = _light_subsets(tile.round, samples, tile.pixels)
-            if batch.light_subsets is not None:
-                batch.subset_radiance = np.zeros((BLOCKS, 3, len(samples.pixel)), np.float32)
+            numbers.start(samples.pixel, samples.number)
+            batch = Batch(scene, timed, settings, round_.mixture, samples, numbers, observers.new_log())
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))
-            values = radiance(batch, *_camera_rays(scene, sampler, (x, y), samples.pixel), may_see)
-            observers.add(blocks, samples, records, values, batch.subset_radiance)
+            values = radiance(batch, *_camera_rays(scene, numbers, (x, y), samples.pixel), may_see)
+            observers.add(blocks, samples, values, batch.log.records)
     mean, root = _pixel_moments(observers.moments(), tile)
-    sums, place = patch_sums(observers.statistic, tile.shape), (tile.pass_, tile.number, tile.rows, tile.columns)
-    return FilmTile(*place, mean, root, rays, sums, timed.seconds)
+    sums = patch_sums(observers.statistic, tile.shape)
+    place = (tile.pass_, tile.number, tile.rows, tile.columns)
+    return FilmTile(*place, mean, root, observers.rays, sums, timed.seconds)
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
@@ -195,19 +187,19 @@ def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
 
 
 def _camera_rays(
-    scene: Scene, sampler: Sampler, corners: tuple[Array, Array], pixel: np.ndarray
+    scene: Scene, numbers: Numbers, corners: tuple[Array, Array], pixel: np.ndarray
 ) -> tuple[Array, Array]:
     """Return origins and directions of camera rays through random points of pixels, ``(3, N)`` each.
 
     `corners` are the raster coordinates x and y of the top left corners of the tile's pixels, ``(P,)`` float32 each.
     """
-    u = sampler.draw("camera", None)
+    u = numbers.place_in_pixel()
     if scene.camera.filter is not None:
         u = scene.camera.filter.offsets(u)
     x, y = corners
     place = x.take(pixel) + u[0], y.take(pixel) + u[1]
     if not scene.camera.is_pinhole:
-        return scene.camera.lens_rays(*place, sampler.draw((LENS,), None))
+        return scene.camera.lens_rays(*place, numbers.place_on_lens())
     direction = scene.camera.rays(*place)
     return np.repeat(scene.camera.origin, direction.shape[1], axis=1), direction
 

@@ -15,7 +15,6 @@ be sampled in one plane of its four dimensions only, however many samples there 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Hashable
 from typing import Protocol, runtime_checkable
 
@@ -23,8 +22,9 @@ import numpy as np
 
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
-from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PixelBlock
 from dmis.samplers.sobol import Sobol
+from dmis.samplers.stratified import Stratified
 
 
 def stream(seed: int, pass_: int, tile: int) -> np.random.Generator:
@@ -103,44 +103,98 @@ class Independent:
         return self._rng.random((2, size(index, self._size)), dtype=np.float32)
 
 
-class Stratified:
-    """Sampler of a jittered grid: n points fill ``floor(sqrt n)`` rows of equal columns; the rest are random.
+class Places(Protocol):
+    """How many samples a technique has in each camera sample, and before it."""
 
-    All pixels use the cells of a draw in one order, but each pixel starts it at a random cell. With one start for all,
-    every pixel would combine the same cells of two draws, and the errors of their products would be correlated.
+    def of_every_camera_sample(self, technique: int) -> int | None:
+        """Return how many samples of the technique each camera sample has; None if they differ."""
+        ...
+
+    def before(self, technique: int) -> Array | None:
+        """Return how many samples of the technique the pixel has before each camera sample, ``(N,)``; None: no count.
+
+        They are not counted where each camera sample has the same number, or where no sampler asks for them.
+        """
+        ...
+
+
+class Numbers:
+    """Which uniform numbers the camera samples of a tile draw: one method for each decision that numbers make.
+
+    Parameters
+    ----------
+    sampler
+        Source of pairs, which it may spread evenly over the samples of a pixel.
+    rng
+        Source of single numbers, which are independent.
     """
 
-    def __init__(self, block: PixelBlock) -> None:
-        self._rng, self._pixels, self._spp = block.rng, len(block.pixels), block.stops[-1]
-        self._length = self._spp * block.shading_samples
-        # shuffled between stops only: a pixel that stops early uses the beginning of the sequence
-        steps = itertools.pairwise((0, *block.stops))
-        self._camera = np.concatenate([a + block.rng.permutation(b - a) for a, b in steps])
-        self._pixel = self._number = np.empty(0, np.int64)
-        self._cells: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
+    def __init__(self, sampler: Sampler, rng: np.random.Generator) -> None:
+        self.rng, self._sampler = rng, sampler
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
-        """See `Sampler.start`."""
-        self._pixel, self._number = pixel, number
+        """Begin a batch of camera samples, see `Sampler.start`."""
+        self._sampler.start(pixel, number)
 
-    def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
-        """See `Sampler.draw`."""
-        n = self._spp if number is None else self._length
-        if key not in self._cells:
-            self._cells[key] = self._rng.permutation(n), self._rng.integers(n, size=self._pixels)
-        order, begins = self._cells[key]
-        place = take(self._number, index) if number is None else np.minimum(number, self._length - 1)
-        if number is None and key == "camera":
-            place = self._camera.take(place)
-        cell = order.take(place + begins.take(take(self._pixel, index)), mode="wrap")
-        rows = int(np.sqrt(n))
-        columns = n // rows
-        u = self._rng.random((2, len(cell)), dtype=np.float32)
-        inside = cell < rows * columns
-        y, x = np.divmod(cell, columns)
-        u[0] = np.where(inside, (u[0] + x) / np.float32(columns), u[0])
-        u[1] = np.where(inside, (u[1] + y) / np.float32(rows), u[1])
-        return np.minimum(u, np.float32(1 - 2**-24))
+    def place_in_pixel(self) -> Array:
+        """Return where the rays of all camera samples go through their pixels, ``(2, N)``."""
+        return self._sampler.draw("camera", None)
+
+    def place_on_lens(self) -> Array:
+        """Return where the rays of all camera samples leave the lens, ``(2, N)``."""
+        return self._sampler.draw((LENS,), None)
+
+    def light(self, lights: int, vertices: int) -> np.ndarray:
+        """Return the number of the light that each of N vertices picks, uniformly, ``(N,)``."""
+        return self.rng.integers(lights, size=vertices, dtype=np.int16)
+
+    def direction(
+        self, key: tuple[int, ...], technique: int, i: int, sample: Selection | None, places: Places, numbers: int = 2
+    ) -> Array:
+        """Return the numbers of one shading sample of each of N camera samples, ``(numbers, N)``.
+
+        Structured samplers spread the numbers of a pixel over all its samples of one technique, so where counts are
+        uneven, a sample's place in its technique's sequence is the number of samples before it.
+
+        Parameters
+        ----------
+        key
+            Tells the light and the path from others.
+        technique, i
+            Number of the technique, and which of the camera sample's samples of this technique it is.
+        sample
+            Selection of camera samples; None: all.
+        """
+        if numbers > 2:
+            pairs = [self.direction(of_pair, technique, i, sample, places) for of_pair in (key, (*key, MORE))]
+            return np.concatenate(pairs)[:numbers]
+        dimension = (*key, technique)
+        before = places.before(technique)
+        if before is not None:
+            return self._sampler.draw(dimension, sample, take(before, sample) + i)
+        count = places.of_every_camera_sample(technique)
+        if count is not None and isinstance(self._sampler, BlockSampler):
+            return self._sampler.draw_block(dimension, sample, i, count)
+        return self._sampler.draw((*dimension, i), sample)
+
+    def onward(self, path: tuple[int, ...], sample: Selection | None) -> Array:
+        """Return the directions in which paths go on, ``(2, N)``; lobes and roulette take numbers of `rng`."""
+        return self._sampler.draw((*path, CONTINUE), sample)
+
+    def techniques(self, shading_samples: int, samples: int) -> Array:
+        """Return what picks the technique of each shading sample at random, ``(shading_samples, samples)``."""
+        return self.rng.random((shading_samples, samples), dtype=np.float32)
+
+    def rounding_offsets(self, count: int, pixels: int) -> Array:
+        """Return `count` offsets of systematic rounding for each pixel, ``(count, P)`` float64."""
+        offsets = self.rng.random((count, pixels))
+        if isinstance(self._sampler, RoundingSampler):  # numbers of the pixels, and not of the tile
+            return self._sampler.rounding_offsets(count).astype(float)
+        return offsets
+
+    def rounding_order(self, number: np.ndarray) -> np.ndarray | None:
+        """Return the numbers of camera samples in the order in which counts are rounded, ``(N,)``; None: in theirs."""
+        return self._sampler.rounding_order(number) if isinstance(self._sampler, RoundingSampler) else None
 
 
 SamplerFactory = Callable[[PixelBlock], Sampler]

@@ -9,7 +9,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.allocation import Counts, SampleAllocation, allocate, sample_batches, shares_of
 from dmis.estimator.records import Record
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS
+from dmis.samplers.streams import SAMPLERS, Independent, Numbers
 from dmis.testing.statistics import chi2_p
 from dmis.variance.simplex_curves import rounding_covariance
 
@@ -35,7 +35,7 @@ def allocation_of(shares, spp, settings):
     """Allocation of a tile with the sampler of the settings."""
     rng = np.random.default_rng(2)
     block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
-    return SampleAllocation(shares, 0, PIXELS, settings, rng, SAMPLERS[settings.sampler](block))
+    return SampleAllocation(shares, PIXELS, settings, Numbers(SAMPLERS[settings.sampler](block), rng))
 
 
 @pytest.mark.parametrize("sampler", ["independent", "sobol"])
@@ -73,7 +73,8 @@ def divide(w, shading_samples: int, start: int, count: int, offset: Array, rng=N
     pixels = offset.shape[-1]
     pixel, number = np.tile(np.arange(pixels), count), np.repeat(np.arange(start, start + count), pixels)
     shares = w if np.ndim(w) == 2 else pixel_shares(w)
-    return allocate(shares, shading_samples, pixel, number, np.atleast_2d(offset), rng)
+    at_random = None if rng is None else Numbers(Independent(PixelBlock(rng, 1, pixel, [count], 1)), rng)
+    return allocate(shares, shading_samples, pixel, number, np.atleast_2d(offset), at_random)
 
 
 @pytest.mark.parametrize("w", [0.0, 0.25, 0.3, 0.5, 1.0])
@@ -164,9 +165,8 @@ def test_totals_of_techniques(w: tuple[float, ...], shading_samples: int) -> Non
     pixels, spp = 300, 37
     offset = np.random.default_rng(14).random((len(w) - 1, pixels))
     counts = divide(np.repeat(np.array(w)[:, None], pixels, axis=1), shading_samples, 0, spp, offset)
-    each = np.array([n.reshape(spp, pixels) for n in counts.per_technique], int)
-    each = np.concatenate([each, shading_samples - each.sum(axis=0, keepdims=True)])
-    assert each.min() >= 0
+    each = np.array([n.reshape(spp, pixels) for n in counts.of_technique], int)
+    assert each.min() >= 0 and (each.sum(axis=0) == shading_samples).all()
     off = np.abs(each.sum(axis=1) - spp * shading_samples * np.array(w)[:, None])
     assert (off[0] < 1).all() and (off < len(w) - 1 + 1e-6).all() and not each[np.array(w) == 0].any()
     before = np.concatenate([np.zeros((len(w), 1, pixels), int), np.cumsum(each, axis=1)[:, :-1]], axis=1)
@@ -184,7 +184,7 @@ def test_slots_have_the_shares_as_probabilities(w: tuple[float, ...], random: bo
     rng = np.random.default_rng(15)
     offset = rng.random((len(w) - 1, count))
     counts = divide(np.repeat(np.array(w)[:, None], count, axis=1), 1, 0, 12, offset, rng if random else None)
-    for share, each in zip(w, counts.per_technique, strict=False):
+    for share, each in zip(w, counts.of_technique, strict=True):
         off = each.reshape(12, count).sum(axis=1) - count * share
         assert (np.abs(off) <= Z_LIMIT * np.sqrt(count * share * (1 - share))).all()
 
@@ -193,11 +193,11 @@ def test_whole_shares_are_numbers() -> None:
     """Where all counts are whole, they are the same for all camera samples; in float32, too."""
     thirds = np.full((3, 1), np.float32(1 / 3))
     for n in (3, 6):
-        assert divide(thirds, n, 0, 4, np.zeros((2, 5))).per_technique == (n // 3,) * 2
-    assert divide(0.5, 2, 0, 4, np.zeros(5)).per_technique == (1,)
-    assert divide(np.array([[0.5], [0.25], [0.25]]), 4, 0, 4, np.zeros((2, 5))).per_technique == (2, 1)
+        assert divide(thirds, n, 0, 4, np.zeros((2, 5))).of_technique == (n // 3,) * 3
+    assert divide(0.5, 2, 0, 4, np.zeros(5)).of_technique == (1, 1)
+    assert divide(np.array([[0.5], [0.25], [0.25]]), 4, 0, 4, np.zeros((2, 5))).of_technique == (2, 1, 1)
     only_first = np.array([[1.0], [0.0], [0.0]])
-    assert divide(only_first, 2, 0, 4, np.zeros((2, 5)), np.random.default_rng(1)).per_technique == (2, 0)
+    assert divide(only_first, 2, 0, 4, np.zeros((2, 5)), np.random.default_rng(1)).of_technique == (2, 0, 0)
 
 
 @each_shares
@@ -206,5 +206,5 @@ def test_covariance_of_rounding(w: tuple[float, ...], shading_samples: int) -> N
     """`rounding_covariance` is the covariance of the counts of a camera sample, in the middle of its pixel."""
     offset = np.random.default_rng(16).random((len(w) - 1, 100_000))
     counts = divide(np.repeat(np.array(w)[:, None], 100_000, axis=1), shading_samples, 5, 1, offset)
-    each = np.array([*counts.per_technique, shading_samples - sum(counts.per_technique)])
-    np.testing.assert_allclose(np.cov(each) / shading_samples**2, rounding_covariance(w, shading_samples), atol=2e-3)
+    found = np.cov(counts.of_technique) / shading_samples**2
+    np.testing.assert_allclose(found, rounding_covariance(w, shading_samples), atol=2e-3)

@@ -279,5 +279,5 @@ def test_points_shaded_apart_or_together(points: int, monkeypatch: pytest.Monkey
     scene = box_scene(plastic((0.4, 0.3, 0.2), 0.3, 0.1), lights, (Part(sphere(0.5), matte(0.5)),))
     options: dict[str, Any] = {"spp": 4, "w": 0.3, "sampler": "sobol"}
     together = tile_of(scene, **options)[0]
-    monkeypatch.setattr("dmis.estimator.batching.POINTS", points)
+    monkeypatch.setattr("dmis.estimator.trace.POINTS", points)
     np.testing.assert_allclose(tile_of(scene, **options)[0], together, rtol=1e-5)

@@ -105,8 +105,7 @@ def variance(f: Any, w: Array, s: int, exact=(True, True, True)) -> float:
     offset = np.random.default_rng(1).random((len(w) - 1, 4000))
     at = np.arange(4000)
     shares = np.repeat(np.array(w)[:, None], 4000, axis=1)
-    counts = allocate(shares, s, at, at * 0 + 3, offset, None).per_technique
-    counts = (*counts, s - sum(counts))
+    counts = allocate(shares, s, at, at * 0 + 3, offset, None).of_technique
     found, number = np.unique(np.array(counts), axis=1, return_counts=True)
     total = 0.0
     for n, share in zip(found.T, number / number.sum(), strict=True):

@@ -16,7 +16,7 @@ from dmis.light.area import DiskLight
 from dmis.pipeline import tile as tiles
 from dmis.samplers.pixel_block import CONTINUE, MORE, ROUNDING, PixelBlock
 from dmis.samplers.sobol import Sobol, order_of
-from dmis.samplers.streams import stream
+from dmis.samplers.streams import Numbers, stream
 from dmis.testing.scenes import box_scene
 from dmis.testing.statistics import chi2_p
 
@@ -289,7 +289,7 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
     settings = Settings(sampler="sobol", shading_samples=shading_samples)
     source = sampler(pixels)
     shares = pixel_shares(np.full(pixels, w))
-    allocation = SampleAllocation(shares, 0, pixels, settings, np.random.default_rng(1), source)
+    allocation = SampleAllocation(shares, pixels, settings, Numbers(source, np.random.default_rng(1)))
     (blocks,) = sample_batches(spp, np.arange(pixels), 10**6)
     samples = allocation.camera_samples(blocks)
     first, before = np.asarray(samples.counts.first).astype(int), samples.counts.samples_before

@@ -1,0 +1,170 @@
+"""Draws: which light the vertices of a batch sample, which of the vertices, and the shading samples that they take.
+
+All that decides *who samples what* is here: all lights or one that is picked, lights that only a subset of the camera
+samples looks at, lights whose occlusion is known, and the far side of surfaces that light comes through. What an
+estimate is made of is in `dmis.estimator.direct`.
+
+A technique's shading samples come in batches whose arrays stay in the cache: those that few vertices take are merged.
+Where camera samples are in order, selections are slices, which copy nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array, Selection, compose, indices, size, take, take_optional
+from dmis.estimator.batch import Batch
+from dmis.estimator.samples import Samples, Vertices
+
+MERGED = 2**15
+"""Largest merged batch, in shading samples: larger ones are slower than several, because they leave the cache."""
+
+
+@dataclass(eq=False)
+class Draw:
+    """A light that some of the vertices sample.
+
+    Attributes
+    ----------
+    light
+        A `dmis.light.light.SampledLight` or a `dmis.light.light.DeltaLight`.
+    vertices, index
+        The vertices, whose radiance is added to, and which of them sample the light; None: all.
+    key
+        Tells the random numbers of this light at these vertices apart from others.
+    over_probability
+        1 / P(light): a light that is picked with probability 1 / n stands for n.
+    traced
+        Whether its occlusion is found by a ray; otherwise nothing is in between.
+    """
+
+    light: Any
+    vertices: Vertices
+    index: Selection | None
+    key: tuple[int, ...]
+    over_probability: np.float32
+    traced: bool = True
+
+
+def draws(batch: Batch, vertices: Vertices) -> Iterator[Draw]:
+    """Yield what the vertices sample: on the side of wo, and on the other side of surfaces that light comes through."""
+    surface = vertices.surface
+    if surface.reflection:
+        yield from _draws_of_side(batch, vertices, beyond=False)
+    if surface.transmission:
+        yield from _draws_of_side(batch, replace(vertices, surface=surface.beyond()), beyond=True)
+
+
+def _draws_of_side(batch: Batch, vertices: Vertices, beyond: bool) -> Iterator[Draw]:
+    """Yield the lights that the vertices sample: all lights, or one that is picked for each vertex."""
+    plan, settings = batch.scene.plan, batch.settings
+    sampled = plan.sampled_lights(settings.lights, settings.sky_compensation)
+    lights = (*sampled, *plan.deltas)
+    picked = None
+    over_probability = np.float32(1)
+    if settings.one_light and len(lights) > 1:
+        picked = batch.numbers.light(len(lights), vertices.radiance.shape[1])
+        over_probability = np.float32(len(lights))
+    at_first_surface = not vertices.path
+    subsets = batch.samples.subsets if at_first_surface and not beyond else None
+    for number, light in enumerate(lights):
+        index = None if picked is None else indices(picked == number)
+        # delta lights share the last place
+        subset = None if subsets is None else subsets.of_light(min(number, len(sampled)), vertices.sample)
+        if subset is not None:
+            index = subset[0]
+        if index is not None and len(index) == 0:
+            continue
+        key = (*vertices.path, number + len(lights) * beyond)
+        is_headlight = at_first_surface and number - len(sampled) in plan.headlights
+        draw = Draw(light, vertices, index, key, over_probability, traced=not is_headlight)
+        if subsets is None or subset is None:
+            yield draw
+            continue
+        apart = replace(vertices, radiance=np.zeros_like(vertices.radiance))
+        yield replace(draw, vertices=apart)
+        # sum of f / p_w over all m camera samples of a pixel ~ m / m' times that over the m' of the subset
+        index, weight, block = subset
+        reflected = apart.radiance.take(index, axis=1) * weight
+        subsets.radiance[block, :, compose(vertices.sample, index)] += reflected.T
+
+
+def shading_samples(batch: Batch, draw: Draw) -> Iterator[Samples]:
+    """Yield S shading samples of each vertex of a draw, divided between the techniques, in batches."""
+    vertices, counts = draw.vertices, batch.samples.counts
+    camera_sample = compose(vertices.sample, draw.index)
+    shares = take(batch.samples.shares, camera_sample)
+    tilt = take_optional(batch.samples.tilt, camera_sample)
+    n = size(draw.index, vertices.radiance.shape[1])
+    for k, technique in enumerate(batch.techniques):
+        if tilt is not None and not tilt[k].any():  # W_k = 0
+            continue
+        count = counts.of_technique[k]
+        if not isinstance(count, int):
+            count = take(count, camera_sample)
+        # vertices that camera rays meet are in the order of the camera samples, whose counts of the first fall
+        ordered = not vertices.path and (k == 0 or len(batch.techniques) == 2)
+        for merged in merged_samples(batch, count, n, ordered):
+            u = [
+                batch.numbers.direction(draw.key, k, i, compose(camera_sample, points), counts, technique.numbers)
+                for i, points in merged
+            ]
+            sample_index, points = merged[0]
+            if len(merged) > 1:
+                every = np.arange(n)
+                points = np.concatenate([take(every, selection) for _, selection in merged])
+            vertex = compose(draw.index, points)
+            surface = vertices.surface.take(vertex)
+            seen = draw.light.seen_from(surface.ng)
+            light_sample = technique.sample(surface, seen, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
+            yield Samples(
+                technique_index=k,
+                sample_index=sample_index,
+                key=draw.key,
+                vertex=vertex,
+                surface=surface,
+                light_sample=light_sample,
+                shares=take(shares, points),
+                tilt=take_optional(tilt, points),
+            )
+
+
+def merged_samples(
+    batch: Batch, count: Array | int, n: int, ordered: bool
+) -> Iterator[list[tuple[int, Selection | None]]]:
+    """Yield sample indices of a technique that n points sample `count` times, each with the points that have it.
+
+    If they are `ordered`, counts only fall, or only rise. Sample indices of few points come together, to be one batch;
+    but one by one where statistics tell them apart.
+    """
+    merged: list[tuple[int, Selection | None]] = []
+    total = 0
+    apart = batch.log.records is not None or n == 1  # of a single point, `take` makes a constant
+    for i in range(batch.settings.shading_samples):
+        points: Selection | None
+        if isinstance(count, int):
+            points = None if i < count else slice(0, 0)
+        else:
+            points = prefix_or_suffix(count > i) if ordered else indices(count > i)
+        number = size(points, n)
+        if number == 0:
+            break
+        if merged and (apart or total + number > MERGED):
+            yield merged
+            merged, total = [], 0
+        merged.append((i, points))
+        total += number
+    if merged:
+        yield merged
+
+
+def prefix_or_suffix(condition: np.ndarray) -> slice | None:
+    """Return the beginning or the end where `condition` holds; None if it holds everywhere."""
+    length, number = len(condition), np.count_nonzero(condition)
+    if number == length:
+        return None
+    return slice(0, number) if condition[0] else slice(length - number, length)
