@@ -8,6 +8,7 @@ origin (Embree's near distance is fixed at 0): the caller offsets origins, see `
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from dataclasses import dataclass
 from time import thread_time
 from typing import Protocol
@@ -15,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from dmis.base.malloc import keep
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection, take
 
 CHECK_RAYS = sys.flags.dev_mode
 """Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests. One NaN makes
@@ -109,22 +110,64 @@ class Intersector:
         return o.T, d.T
 
 
-class TimedCaster:
-    """Ray caster that passes queries on to another one and adds up the CPU seconds that they take, in `seconds`."""
+class CountingCaster:
+    """Ray caster of a tile: it passes queries on, counts their rays by kind, and adds up the CPU seconds they take.
 
-    def __init__(self, caster: RayCaster) -> None:
-        self._caster, self.seconds = caster, 0.0
+    Parameters
+    ----------
+    caster
+        Answers the queries.
+    colour_of_pixel
+        Colour of each pixel of the tile, ``(P,)``, by which rays are counted as well; None: they are not.
 
-    def closest(self, origin: Array, direction: Array) -> Hits:
-        """See `Intersector.closest`."""
+    Attributes
+    ----------
+    rays
+        Rays traced so far, by kind, see `dmis.pipeline.result.Result.rays` and `ray_kind_of_colour`.
+    seconds
+        CPU seconds of the queries so far.
+    """
+
+    def __init__(self, caster: RayCaster, colour_of_pixel: np.ndarray | None = None) -> None:
+        self._caster, self._colour_of_pixel = caster, colour_of_pixel
+        self._pixel = np.empty(0, np.int64)
+        self.rays = Counter(camera=0)
+        self.seconds = 0.0
+
+    def start(self, pixel: np.ndarray) -> None:
+        """Begin a batch of camera samples, of which `pixel` ``(N,)`` are the pixels."""
+        self._pixel = pixel
+
+    def closest(self, kind: str, origin: Array, direction: Array, sample: Selection | None) -> Hits:
+        """Return the first hits of rays of a kind, one for each of the camera samples `sample` (None: all).
+
+        See `Intersector.closest`.
+        """
+        self.count(kind, direction.shape[1], sample)
         begin = thread_time()
         hits = self._caster.closest(origin, direction)
         self.seconds += thread_time() - begin
         return hits
 
-    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
-        """See `Intersector.occluded`."""
+    def occluded(
+        self, kind: str, origin: Array, direction: Array, distance: Array, sample: Selection | None
+    ) -> np.ndarray:
+        """Return whether rays of a kind are occluded, see `closest` and `Intersector.occluded`."""
+        self.count(kind, direction.shape[1], sample)
         begin = thread_time()
         occluded = self._caster.occluded(origin, direction, distance)
         self.seconds += thread_time() - begin
         return occluded
+
+    def count(self, kind: str, number: int, sample: Selection | None) -> None:
+        """Count so many rays of a kind, one for each of the camera samples `sample`."""
+        self.rays[kind] += number
+        if self._colour_of_pixel is not None:
+            colour = self._colour_of_pixel.take(take(self._pixel, sample))
+            for each, n in enumerate(np.bincount(colour).tolist()):
+                self.rays[ray_kind_of_colour(kind, each)] += n
+
+
+def ray_kind_of_colour(kind: str, colour: int) -> str:
+    """Return the kind under which the rays of the pixels of one colour are counted, beside those of all pixels."""
+    return f"{kind} of colour {colour}"

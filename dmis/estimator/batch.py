@@ -2,37 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, field
-
-import numpy as np
+from dataclasses import dataclass
 
 from dmis.estimator.allocation import CameraSamples
+from dmis.estimator.mis import Combiner
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import Technique
-from dmis.intersect import RayCaster
+from dmis.intersect import CountingCaster
 from dmis.samplers.streams import Numbers
 from dmis.scene.scene import Scene
-
-
-@dataclass(eq=False)
-class Log:
-    """What is written down of the camera samples of a tile.
-
-    Attributes
-    ----------
-    rays
-        Rays traced so far, by kind.
-    colour_of_pixel
-        Colour of each pixel of the tile, ``(P,)``, by which rays are counted as well; None: they are not.
-    records
-        Shading samples of one batch, for statistics; None: none is written down.
-    """
-
-    rays: Counter[str] = field(default_factory=Counter)
-    colour_of_pixel: np.ndarray | None = None
-    records: list[Record] | None = None
 
 
 @dataclass(eq=False)
@@ -42,23 +21,24 @@ class Batch:
     Attributes
     ----------
     scene, caster
-        The scene, and what answers its ray queries.
+        The scene, and what answers and counts its ray queries.
     settings
         Estimator settings, without ``auto``.
-    techniques
-        The K techniques that share the shading samples.
+    techniques, combiner
+        The K techniques that share the shading samples, and what weights them.
     samples
         The camera samples, and the division of their shading samples between the techniques.
     numbers
         Their random numbers.
-    log
-        What is written down of them.
+    records
+        Where shading samples are written down for statistics; None: nowhere.
     """
 
     scene: Scene
-    caster: RayCaster
+    caster: CountingCaster
     settings: Settings
     techniques: tuple[Technique, ...]
+    combiner: Combiner
     samples: CameraSamples
     numbers: Numbers
-    log: Log = field(default_factory=Log)
+    records: list[Record] | None = None

@@ -12,6 +12,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.technique import technique_by_name
+from dmis.intersect import ray_kind_of_colour
 
 CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
@@ -21,11 +22,6 @@ RESAMPLED = 2.3
 """
 UNTRACED = "untraced"
 """Beside the kinds of rays: camera samples of pixels that no triangle covers, for which no ray is traced."""
-
-
-def ray_kind_of_colour(kind: str, colour: int) -> str:
-    """Return the kind under which the rays of the pixels of one colour are counted, beside those of all pixels."""
-    return f"{kind} of colour {colour}"
 
 
 def rays_of_colours(rays: Mapping[str, int], colours: Sequence[int]) -> dict[str, int]:

@@ -21,9 +21,7 @@ import numpy as np
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
 from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
-from dmis.estimator.cost import ray_kind_of_colour
 from dmis.estimator.draws import Draw, draws, shading_samples
-from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.samples import Samples, Vertices, record_samples
 from dmis.light.light_sample import LightSample
 from dmis.scene.shading_points import ShadingPoints
@@ -60,7 +58,7 @@ def _add_samples(batch: Batch, draw: Draw, samples: Samples) -> None:
     accepted = pdf[k] > 0  # others count as samples of value 0
 
     # 1 / p_w,  p_w = w p_l + (1 - w) p_b   (Veach 1997, Eq. 9.8);  of other heuristics  W / (w_k p_k)
-    over_p_w = combiner_by_name(batch.settings.combiner).weight(shares if tilt is None else tilt, pdf, k)
+    over_p_w = batch.combiner.weight(shares if tilt is None else tilt, pdf, k)
     if tilt is not None:
         # W / (w_k p_k) = (t_k / w_k) / (t_l p_l + t_b p_b),  W of a heuristic with the shares t   (Eq. 8a)
         over_p_w *= tilt[k] / shares[k]
@@ -74,16 +72,17 @@ def _add_samples(batch: Batch, draw: Draw, samples: Samples) -> None:
     visible: Selection | None = indices((unlit if len(unlit) == 1 else unlit.max(axis=0, keepdims=True))[0] > 0)
     f_over_p_w = np.zeros((3, 0), np.float32)
     if size(visible, 1):
-        shadow_ray = take(surface.p, visible), take(wi, visible), take(take(light_sample.distance, lit), visible)
+        shadow_ray = take(surface.p, visible), take(wi, visible), _shadow_ends(light_sample, compose(lit, visible))
         camera_sample = compose(vertices.sample, compose(samples.vertex, compose(lit, visible)))
-        visible = compose(visible, indices(unoccluded(batch, batch.techniques[k].rays, *shadow_ray, camera_sample)))
+        occluded = batch.caster.occluded(batch.techniques[k].rays, *shadow_ray, camera_sample)
+        visible = compose(visible, indices(~occluded))
         lit_and_visible = compose(lit, visible)
 
         # f / p_w / S,  f = f_r L |n.wi| V; L, such as a sky's, is looked up only where V = 1
         f_over_p_w = take(unlit, visible) * light_sample.radiance_at(lit_and_visible)
         accumulate(vertices.radiance, f_over_p_w, compose(samples.vertex, lit_and_visible))
 
-    if batch.log.records is not None:
+    if batch.records is not None:
         pdf_all = np.stack([np.where(accepted, p, np.float32(j == k)) for j, p in enumerate(pdf)])
         record_samples(batch, vertices, samples, lit, pdf_all, f_over_p_w, visible)
 
@@ -96,8 +95,9 @@ def _add_delta_light(batch: Batch, draw: Draw) -> None:
     lit: Selection | None = indices(light_sample.emits & surface.same_side(light_sample.wi))
     visible: np.ndarray | bool = True
     if draw.traced and size(lit, 1):
-        shadow_ray = take(surface.p, lit), take(light_sample.wi, lit), take(light_sample.distance, lit)
-        visible = unoccluded(batch, "delta", *shadow_ray, compose(vertices.sample, compose(index, lit)))
+        shadow_ray = take(surface.p, lit), take(light_sample.wi, lit), _shadow_ends(light_sample, lit)
+        camera_sample = compose(vertices.sample, compose(index, lit))
+        visible = ~batch.caster.occluded("delta", *shadow_ray, camera_sample)
         if 2 * np.count_nonzero(visible) < len(visible):  # few: to gather them takes less time than to shade all
             lit, visible = compose(lit, np.flatnonzero(visible)), True
     if not size(lit, 1):
@@ -116,22 +116,7 @@ def facing_light(surface: ShadingPoints, light_sample: LightSample) -> Index | N
     return indices(light_sample.emits & surface.same_side(light_sample.wi))
 
 
-def unoccluded(
-    batch: Batch, kind: str, origin: Array, wi: Array, distance: Array, sample: Selection | None
-) -> np.ndarray:
-    """Return V, whether nothing occludes the light from the points, ``(N,)`` bool.
-
-    Rays are counted as `kind`, and as those of the camera samples `sample`.
-    """
-    count_rays(batch, kind, wi.shape[1], sample)
-    return ~batch.caster.occluded(origin, wi, np.broadcast_to(distance * SHADOW_END, wi.shape[1:]))
-
-
-def count_rays(batch: Batch, kind: str, number: int, sample: Selection | None) -> None:
-    """Count so many rays of a kind, one for each of the camera samples `sample`, by colour where a rule asks for it."""
-    rays, colour_of_pixel = batch.log.rays, batch.log.colour_of_pixel
-    rays[kind] += number
-    if colour_of_pixel is not None:
-        colour = colour_of_pixel.take(take(batch.samples.pixel, sample))
-        for each, n in enumerate(np.bincount(colour).tolist()):
-            rays[ray_kind_of_colour(kind, each)] += n
+def _shadow_ends(light_sample: LightSample, index: Selection | None) -> Array:
+    """Return how far occlusion rays of the light samples `index` reach, ``(N,)``."""
+    ends = take(light_sample.distance, index) * SHADOW_END
+    return np.broadcast_to(ends, (size(index, light_sample.wi.shape[1]),))

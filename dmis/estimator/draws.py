@@ -119,18 +119,10 @@ def shading_samples(batch: Batch, draw: Draw) -> Iterator[Samples]:
                 points = np.concatenate([take(every, selection) for _, selection in merged])
             vertex = compose(draw.index, points)
             surface = vertices.surface.take(vertex)
+            shares_of_points, tilt_of_points = take(shares, points), take_optional(tilt, points)
             seen = draw.light.seen_from(surface.ng)
             light_sample = technique.sample(surface, seen, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
-            yield Samples(
-                technique_index=k,
-                sample_index=sample_index,
-                key=draw.key,
-                vertex=vertex,
-                surface=surface,
-                light_sample=light_sample,
-                shares=take(shares, points),
-                tilt=take_optional(tilt, points),
-            )
+            yield Samples(k, sample_index, draw.key, vertex, surface, light_sample, shares_of_points, tilt_of_points)
 
 
 def merged_samples(
@@ -143,7 +135,7 @@ def merged_samples(
     """
     merged: list[tuple[int, Selection | None]] = []
     total = 0
-    apart = batch.log.records is not None or n == 1  # of a single point, `take` makes a constant
+    apart = batch.records is not None or n == 1  # of a single point, `take` makes a constant
     for i in range(batch.settings.shading_samples):
         points: Selection | None
         if isinstance(count, int):

@@ -88,7 +88,7 @@ def record_samples(
     contribution, visible
         ``W f / (w_k p_k S)``, ``(3, V)``, and which V of those L samples have it. The others' is 0.
     """
-    assert batch.log.records is not None
+    assert batch.records is not None
     value = np.zeros((3, pdf.shape[1]), np.float32)
     value[:, slice(None) if visible is None else visible] = contribution * np.float32(batch.settings.shading_samples)
     vertex = compose(samples.vertex, lit)
@@ -96,4 +96,4 @@ def record_samples(
         value *= take(vertices.throughput, vertex)
     camera_sample = compose(vertices.sample, vertex)
     record = Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf)
-    batch.log.records.append(record)
+    batch.records.append(record)

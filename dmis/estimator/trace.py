@@ -15,7 +15,7 @@ import numpy as np
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
 from dmis.estimator.batch import Batch
 from dmis.estimator.cost import UNTRACED
-from dmis.estimator.direct import add_direct_light, count_rays
+from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
 from dmis.estimator.samples import Vertices
 from dmis.intersect import Hits
@@ -41,11 +41,10 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     """
     total = np.zeros(direction.shape, np.float32)
     traced = size(coverage, direction.shape[1])
-    count_rays(batch, "camera", traced, coverage)
     if traced < direction.shape[1]:
         every = np.arange(direction.shape[1])
         uncovered = np.setdiff1d(every, take(every, coverage), assume_unique=True)
-        count_rays(batch, UNTRACED, len(uncovered), uncovered)
+        batch.caster.count(UNTRACED, len(uncovered), uncovered)
     if not traced:
         return total
     pending = [Rays(take(origin, coverage), take(direction, coverage), coverage, None, 0, ())]
@@ -67,9 +66,10 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
     Rays that continue the paths are appended to `following`.
     """
     scene, plan, path = batch.scene, batch.scene.plan, batch.settings.integrator == "path"
-    hits = batch.caster.closest(rays.origin, rays.direction)
+    kind = "camera"
     if rays.depth:
-        count_rays(batch, f"bounce {rays.depth}" if path else "specular", len(hits.prim), rays.sample)
+        kind = f"bounce {rays.depth}" if path else "specular"
+    hits = batch.caster.closest(kind, rays.origin, rays.direction, rays.sample)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment and rays.adds_emission is not False:
         yield from _sky(batch, rays, hits)

@@ -9,10 +9,12 @@ import numpy as np
 
 from dmis.estimator.allocation import CameraSamples, Counts
 from dmis.estimator.batch import Batch
+from dmis.estimator.mis import Combiner
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
 from dmis.estimator.trace import radiance
 from dmis.formats.model import Model
+from dmis.intersect import CountingCaster
 from dmis.light.coincident import find_overlaps, lamp_triangles
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Numbers
@@ -81,7 +83,8 @@ def lit_share(scene: Scene) -> float:
         counts=Counts((1, 1)),
     )
     numbers.start(samples.pixel, samples.number)
-    batch = Batch(scene, scene.intersector, settings, (LIGHT, BRDF), samples, numbers)
+    caster = CountingCaster(scene.intersector)
+    batch = Batch(scene, caster, settings, (LIGHT, BRDF), Combiner("balance"), samples, numbers)
     emits = np.repeat([part.light is not None for part in scene.parts], [part.mesh.triangles for part in scene.parts])
     prim = scene.intersector.closest(origin, direction).prim
     reflected = radiance(batch, origin, direction).max(axis=0) * ~((prim >= 0) & emits[prim])

@@ -14,7 +14,6 @@ import numpy as np
 from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
-from dmis.estimator.batch import Log
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Record, Statistic
 from dmis.fit.round import Round
@@ -37,8 +36,8 @@ class Observers:
     ----------
     statistic
         The statistic of the round; None: there is none.
-    rays
-        Rays traced so far, by kind.
+    colour_of_pixel
+        Colour of each pixel, ``(P,)``, by which the statistic has rays counted; None: it does not ask for that.
     """
 
     def __init__(self, round_: Round, shape: tuple[int, int]) -> None:
@@ -46,21 +45,19 @@ class Observers:
         self._shape, self._shading_samples = shape, settings.shading_samples  # without those of `Round.patterns`
         in_blocks = round_.halvings is not None or is_sequence(settings.sampler)
         self._moments = SubBlocks(round_.spp, pixels) if in_blocks else PixelMoments(pixels)
-        self.rays = Counter[str]()
         self.statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
         samples = round_.spp * np.full(pixels, self._shading_samples)
         self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
-        self._colour: np.ndarray | None = None
+        self.colour_of_pixel: np.ndarray | None = None
         if getattr(self.statistic, "by_colour", False):
             colour = np.zeros(shape, np.uint8)  # tiles begin at multiples of two
             for number, at in enumerate(COLOURS):
                 colour[at] = number
-            self._colour = colour.reshape(-1)
+            self.colour_of_pixel = colour.reshape(-1)
 
-    def new_log(self) -> Log:
-        """Return the log of a batch: it counts `rays`, and has a list for shading samples if somebody reads them."""
-        reads_records = self.statistic is not None or self._collector is not None
-        return Log(self.rays, self._colour, [] if reads_records else None)
+    def new_records(self) -> list[Record] | None:
+        """Return an empty list for the shading samples of a batch, or None if nobody reads them."""
+        return None if self.statistic is None and self._collector is None else []
 
     def add(
         self, blocks: Sequence[SampleBlock], samples: CameraSamples, values: Array, records: list[Record] | None

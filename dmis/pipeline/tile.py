@@ -11,10 +11,11 @@ from dmis.base.patches import PATCH
 from dmis.base.vectors import Array, indices
 from dmis.estimator.allocation import SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
+from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
-from dmis.intersect import RayCaster, TimedCaster
+from dmis.intersect import CountingCaster, RayCaster
 from dmis.pipeline.film import FilmTile, Observers, patch_sums
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Numbers, stream
@@ -147,8 +148,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
     """
     tile = replace(tile, round=replace(tile.round.in_row_order(), settings=resolve_auto(tile.round.settings, scene)))
     round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
-    timed = TimedCaster(caster or scene.intersector)
     observers = Observers(round_, tile.shape)
+    counting = CountingCaster(caster or scene.intersector, observers.colour_of_pixel)
+    techniques, combiner = round_.mixture, combiner_by_name(round_.settings.combiner)
     covered = _covered_pixels(scene, tile)
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
     for pixels, spp, shares, settings in tile.groups():
@@ -167,15 +169,17 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
             # n_1 of the S shading samples of a camera sample to the first technique, w S on average
             samples = allocation.camera_samples(blocks)
             numbers.start(samples.pixel, samples.number)
-            batch = Batch(scene, timed, settings, round_.mixture, samples, numbers, observers.new_log())
+            counting.start(samples.pixel)
+            records = observers.new_records()
+            batch = Batch(scene, counting, settings, techniques, combiner, samples, numbers, records)
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))
             values = radiance(batch, *_camera_rays(scene, numbers, (x, y), samples.pixel), may_see)
-            observers.add(blocks, samples, values, batch.log.records)
+            observers.add(blocks, samples, values, records)
     mean, root = _pixel_moments(observers.moments(), tile)
     sums = patch_sums(observers.statistic, tile.shape)
     place = (tile.pass_, tile.number, tile.rows, tile.columns)
-    return FilmTile(*place, mean, root, observers.rays, sums, timed.seconds)
+    return FilmTile(*place, mean, root, counting.rays, sums, counting.seconds)
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:

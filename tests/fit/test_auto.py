@@ -9,13 +9,13 @@ import pytest
 import dmis
 from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
-from dmis.estimator.cost import ray_kind_of_colour
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
 from dmis.fit import auto
 from dmis.fit.auto import HALF, LONGEST, Auto
 from dmis.fit.curve_minimum import PatchCurves
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
+from dmis.intersect import ray_kind_of_colour
 from dmis.variance.curves import with_gain_square
 from dmis.variance.moments import Film
 

@@ -49,7 +49,7 @@ class SampleTable:
     spp, shading_samples
         Camera samples per pixel, and S.
     rays
-        Rays traced by kind, and those of the pixels of each colour (`dmis.estimator.cost.ray_kind_of_colour`).
+        Rays traced by kind, and those of the pixels of each colour (`dmis.intersect.ray_kind_of_colour`).
     """
 
     pixel: np.ndarray
