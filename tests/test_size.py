@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_240, "tests": 27_990}
+LINES = {"dmis": 27_450, "tests": 27_990}
 """Lines of Python files."""
 WORDS = 43_500
 """Words of the pages, tables included."""
@@ -24,7 +24,7 @@ LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 1940), "auto": (45, 2520)}
+RENDERS = {"thesis": (36, 1990), "auto": (46, 2600)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 
 
