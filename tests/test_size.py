@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_450, "tests": 27_990}
+LINES = {"dmis": 27_650, "tests": 28_150}
 """Lines of Python files."""
 WORDS = 43_500
 """Words of the pages, tables included."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.estimator.settings import Settings
 from dmis.fit.rule import Rule
@@ -67,7 +68,8 @@ def compare_means(
     compared, because its standard error is not known.
     """
     options: dict[str, Any] = {"settings": Settings(integrator="direct"), "parallel": 1}
-    means = [(name, *_mean(render(scene, rule, spp, seed=k, **options))) for k, (name, rule) in enumerate(rules)]
+    results = [(name, render(scene, rule, spp, seed=k, **options)) for k, (name, rule) in enumerate(rules)]
+    means = [(name, *_mean(result, results[0][1].image)) for name, result in results]
     text = f"mean radiance {', '.join(f'{name} {mean:.4g} ± {error:.2g}' for name, mean, error, _ in means)}"
     _, first, first_error, first_noisy = means[0]
     noisy = [name for name, *_, is_noisy in means[1:] if is_noisy or first_noisy]
@@ -78,12 +80,13 @@ def compare_means(
     return text if not noisy else f"{text}; too noisy to compare: {', '.join(noisy)}"
 
 
-def _mean(result: Result) -> tuple[float, float, bool]:
+def _mean(result: Result, other: Array) -> tuple[float, float, bool]:
     """Return the mean of an image, its standard error, and whether its noise comes from a few of its pixels.
 
-    Pixels are independent, channels are taken as fully dependent.
+    Pixels are independent, channels are taken as fully dependent. The variance of a pixel of one sample is unknown; the
+    squared difference to the `other` image stands for it.
     """
-    variance = result.variance.astype(float)
+    variance = np.where(np.isnan(result.variance), np.square(result.image - other), result.variance).astype(float)
     error = np.linalg.norm(np.sqrt(variance).mean(axis=2)) / variance[..., 0].size
     of_pixels = variance.mean(axis=2)
     few = of_pixels.any() and of_pixels.sum() ** 2 / (of_pixels**2).sum() < 12
