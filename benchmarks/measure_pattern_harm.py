@@ -3,9 +3,9 @@ Harm of the pattern alone
 =========================
 
 In how many lit patches of 4×4 pixels is the pattern of light and BRDF samples that ``auto`` chose worse than 1:1? A
-pattern is worse if its V Cᵃ (`dmis.fit.auto`) is larger. V is the variance of the mean of 16 camera samples with
-Sobol points, over renders with other seeds than those that the pattern was chosen from, so that the noise of the choice
-is in no estimate. Takes some minutes of one core.
+pattern is worse if its V Cᵃ (`dmis.fit.best_pattern`) is larger. V is the variance of the mean of 16 camera samples
+with Sobol points, over renders with other seeds than those that the pattern was chosen from, so that the noise of the
+choice is in no estimate. Takes some minutes of one core.
 
 The variances have noise, which alone would make nearly half of all patches look worse where both patterns are equally
 good. So the distribution of the true logarithms of the ratios is estimated from the measured ones and their standard
@@ -27,11 +27,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import SCENES, machine, options
 
 import dmis
-from dmis.base.patches import COLOURS, PATCH, patch_sum
+from dmis.base.patches import COLOURS, PATCH, other_colours, patch_sum
 from dmis.estimator.allocation import shares_of
+from dmis.estimator.cost import pattern_costs, rays_of_colours
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, PatternMap
-from dmis.fit.auto import EXPONENT, Auto
+from dmis.fit.auto import Auto
 from dmis.fit.round import Round
+from dmis.fit.sample_density import EXPONENT
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 
@@ -58,13 +60,14 @@ def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
     rounds = job.rule.rounds(job.budget)
     with Passes(job, 1) as passes:
         first = passes.render(next(rounds))
-    variance = rounds.send(first).maps["variance"]
-    rule = replace(job.rule, exponent=EXPONENT)
-    pattern, cost = np.empty(variance.shape, np.uint8), np.empty(variance.shape)
+    patterns = rounds.send(first).patterns
+    assert patterns is not None
+    cost = np.empty(patterns.pattern.shape)
     for colour, at in enumerate(COLOURS):
-        decision = rule.decide(first, variance, colour)
-        pattern[at], cost[at] = decision.pattern, decision.cost[decision.pattern]
-    return pattern, cost
+        rays = rays_of_colours(first.rays, other_colours(colour))
+        lights = len(first.sums["lights"][0]) - 1 if "lights" in first.sums else 1
+        cost[at] = pattern_costs(rays, first.shading_samples, first.techniques, lights)[0][patterns.pattern[at]]
+    return patterns.pattern, cost
 
 
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:

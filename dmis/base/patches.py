@@ -49,10 +49,15 @@ COLOURS = tuple((slice(y, None, 2), slice(x, None, 2)) for y in (0, 1) for x in 
 """The pixels of each of four colours, 2x2 neighbours having all of them: rows and columns in an image."""
 
 
+def other_colours(colour: int) -> list[int]:
+    """Return the three other colours, whose samples may decide how the pixels of one `colour` are sampled."""
+    return [k for k in range(len(COLOURS)) if k != colour]
+
+
 def patch_spread(values: Array, size: int, shape: tuple[int, int], at: tuple[slice, slice] = EVERYWHERE) -> Array:
-    """Return the values of the patches of the pixels `at` rows and columns of an image of `shape` (H, W)."""
+    """Return the values ``(..., rows, columns)`` of the patches of the pixels `at` some places of an image (H, W)."""
     rows, columns = (np.arange(n)[part] // size for n, part in zip(shape, at, strict=True))
-    return values[rows[:, None], columns]
+    return values[..., rows[:, None], columns]
 
 
 def by_colour(image: Array) -> Array:

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dmis.base.vectors import Array
+from dmis.estimator.patterns import EQUAL, FIRST, SAMPLES_OF, SHARE_OF, SHARES
 from dmis.estimator.technique import technique_by_name
 from dmis.intersect import ray_kind_of_colour
 
@@ -74,3 +75,20 @@ def camera_sample_cost(
         )
     always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
     return np.asarray(always + points * shading_samples * mixed)
+
+
+def pattern_costs(
+    rays: Mapping[str, int], pilot_samples: int, techniques: Sequence[str], lights: int = 1
+) -> tuple[Array, Array]:
+    """Return the cost of a camera sample with each pattern over the cost with 1:1, and the part of each light in it.
+
+    From the `rays` of a pilot of the pattern `FIRST`; the other parameters are those of `camera_sample_cost`. Delta
+    lights are together in the last place of the parts, ``(L + 1, patterns)``.
+    """
+    shares = np.array([SHARES[SHARE_OF], 1 - SHARES[SHARE_OF]])
+    shading_samples = SAMPLES_OF * (pilot_samples // int(SAMPLES_OF[FIRST]))
+    total = camera_sample_cost(rays, shares, pilot_samples, shading_samples, techniques, lights)
+    unlit = camera_sample_cost(rays, shares, pilot_samples, 0, techniques, lights)
+    without_deltas = camera_sample_cost({**rays, "delta": 0}, shares, pilot_samples, 0, techniques, lights)
+    of_lights = np.stack([*[(total - unlit) / lights] * lights, unlit - without_deltas])
+    return total / total[EQUAL], of_lights / total[EQUAL]

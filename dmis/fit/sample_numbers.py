@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.patterns import MOST_HALVINGS
+
+LEAST_SPP = 16
+"""Budget of `dmis.fit.auto` from which on there is a first round."""
+FIRST_ROUNDS = ((32, 4), (64, 8), (256, 16), (1024, 32), (math.inf, 64))
+"""Budgets below which a first round is so large: twice the number of its camera samples, which have two pairs."""
 
 LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
@@ -52,14 +59,8 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
 
     and error times cost^a is least where ``f_k^(1 + a) = V_k / C_k / (sum V_j f_j^-a / (C + sum C_j f_j))``.
 
-    Parameters
-    ----------
-    variance, cost
-        V_k and C_k of a camera sample, not negative, ``(K, ...)``.
-    camera
-        C, cost of a camera sample without lights.
-    exponent
-        a, see `dmis.fit.auto`.
+    V_k and C_k are `variance` and `cost` of a camera sample, ``(K, ...)``, C the cost of the `camera` sample without
+    lights, and a the `exponent`, see `dmis.fit.sample_density`.
 
     Returns
     -------
@@ -81,22 +82,10 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
 
 
 def powers_of_two(density: Array, cost: Array, least: Array, budget: float, chance: Array) -> np.ndarray:
-    """Return numbers of camera samples in proportion to a density on average, for a budget, ``(H, W)`` int32.
+    """Return numbers of camera samples in proportion to a `density` on average, from `least` on, ``(H, W)`` int32.
 
-    They are powers of two, which cost the budget or a little less.
-
-    Parameters
-    ----------
-    density
-        Numbers in proportion, not negative, ``(H, W)``.
-    cost
-        Cost of a camera sample of each pixel, ``(H, W)``.
-    least
-        Least number of each pixel, ``(H, W)``.
-    budget
-        Cost of all of them, in the same units.
-    chance
-        Uniform random numbers of the rounding, ``(H, W)``.
+    They are powers of two, which cost the `budget` or a little less. `cost`, in the same units, is that of a camera
+    sample of each pixel, and `chance` are uniform random numbers for the rounding, ``(H, W)`` each.
     """
     # t is rounded up to 2^(k + 1) with probability t / 2^k - 1, if to a power of two up to 2 t / (1 + chance)
     x = 2 * density / (1 + chance) / max(density.max(), 1e-300)

@@ -19,12 +19,11 @@ from dmis.base.validate import whole
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.settings import MAX_SHADING_SAMPLES, Settings, resolve_auto
 from dmis.estimator.technique import technique_by_name
-from dmis.fit.auto import LEAST_SPP
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, pilot_settings
 from dmis.fit.rule import Rule, merge_settings, rule_text
-from dmis.fit.sample_numbers import LEVELS
+from dmis.fit.sample_numbers import LEAST_SPP, LEVELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning

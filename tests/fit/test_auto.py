@@ -2,19 +2,23 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 import dmis
-from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
+from dmis.base.patches import COLOURS, PATCH, by_colour, other_colours, patch_sum
 from dmis.base.vectors import Array
+from dmis.estimator.cost import pattern_costs, rays_of_colours
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
-from dmis.fit import auto
-from dmis.fit.auto import HALF, LONGEST, Auto
+from dmis.fit import auto, sample_density
+from dmis.fit.auto import Auto
+from dmis.fit.best_pattern import HALF, best_patterns
 from dmis.fit.curve_minimum import PatchCurves
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.sample_numbers import powers_of_two
 from dmis.intersect import ray_kind_of_colour
 from dmis.variance.curves import with_gain_square
 from dmis.variance.moments import Film
@@ -64,15 +68,19 @@ def second_round(first: Pilot, rule: Auto = PLAIN) -> Round:
     return rule.second_round(first, Budget(first.budget, first.moments.mean.shape[:2], dmis.Settings(), seed=3))
 
 
-def decided(first: Pilot, rule: Auto = PLAIN) -> tuple[Array, Array]:
-    """Return the density of the camera samples and the cost of one at each pixel, ``(H, W)``."""
-    variance = first.moments.variance().mean(axis=2) / N
-    density, cost = np.empty_like(variance), np.empty_like(variance)
-    for colour, at in enumerate(COLOURS):
-        if density[at].size:
-            decision = rule.decide(first, variance, colour)
-            density[at], cost[at] = decision.density, decision.cost[decision.pattern] * decision.cost_ratio
-    return density, cost
+def decided(first: Pilot, rule: Auto = PLAIN) -> Array:
+    """Return the density of the camera samples and the cost of one at each pixel, ``(2, H, W)``."""
+    maps = np.empty((2, *first.moments.mean.shape[:2]))
+    colours = (at for at in COLOURS if maps[0][at].size)
+
+    def keep(density: Array, cost: Array, *others: Any) -> Array:
+        maps[:, *next(colours)] = density, cost
+        return powers_of_two(density, cost, *others)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(auto, "powers_of_two", keep)
+        second_round(first, rule)
+    return maps
 
 
 def costs(lights: int = 1) -> Array:
@@ -85,29 +93,13 @@ def costs(lights: int = 1) -> Array:
     return cost / cost[EQUAL]
 
 
-def test_costs_of_lights_by_hand() -> None:
-    """In the other colours 300 camera samples of 8 shading samples of two lights, and 120 rays to delta lights.
-
-    The pattern n_l : n_b is of 2 n_l and 2 n_b samples, which cost .5 + .4 * 900 / 1200 and .5 + .4 * 180 / 1200.
-    """
-    rays = {"camera": 100, "shadow": 300, "brdf": 60, "delta": 40}
-    rays |= {ray_kind_of_colour(kind, k): 10 * n if k == 2 else n for kind, n in rays.items() for k in range(4)}
-    first = replace(pilot(FLAT), rays=rays, shading_samples=8, sums={"lights": np.ones((4, LIGHTS + 1, 4, 4))})
-    cost, of_lights = auto._costs(first, 2)
-    n_l, n_b = np.transpose(PATTERNS)
-    samples, deltas = 2 * n_l * 0.8 + 2 * n_b * 0.56, 0.65 * 120 / 300
-    np.testing.assert_allclose(cost, (1 + deltas + samples) / (1 + deltas + 2.72))
-    expected = np.array([samples / 2, samples / 2, deltas + 0 * samples]) / (1 + deltas + 2.72)
-    np.testing.assert_allclose(of_lights, expected)
-
-
 def test_best_pattern_by_the_formula() -> None:
     """The error of going on and of restarting, at equal cost, for random curves and parts of the first round."""
     rng, a = np.random.default_rng(5), 1.4
     curve, place, cost = rng.lognormal(0, 1, (len(SHARES), 1, 200)), rng.lognormal(-1, 1, (1, 200)), costs()
     curves = PatchCurves(curve, (curve - curve[HALF]) ** 2, place, np.full((1, 200), 12.0), HALF)
     spent = rng.uniform(0.02, 0.6, (1, 200))
-    patterns, restarts, ratio = PLAIN._best_patterns(curves, cost, spent, np.ones((len(SHARES), 1, 1), bool))
+    patterns, restarts, ratio = best_patterns(curves, cost, spent, np.ones(len(SHARES), bool), 0.0, a)
     n_1, m = spent / cost[FIRST], (1 - spent) / cost[:, None, None]
     n, v = n_1 + m, np.array([place + 2 * curve[g] / s for g, s in zip(SHARE_OF, SAMPLES_OF)])
     of_lobes = (m / n) ** 2 * (v - place) * m**-a + (n_1 / n) ** 2 * curve[HALF] / 2 * n_1**-a
@@ -125,7 +117,7 @@ def test_best_pattern_by_the_formula() -> None:
 def test_spikes_not_seen_yet_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tenth of (A / 4 + P) / n of independent points, over I^2 + .1 I^2 for relative errors; and V of 8 samples."""
     spikes = []
-    monkeypatch.setattr(auto, "_variance", lambda v, s, *colours: spikes.append(s) or np.ones(v.shape))
+    monkeypatch.setattr(sample_density, "neighbour_variance", lambda v, s, *_: spikes.append(s) or np.ones(v.shape))
     for error, weight in (("absolute", 1), ("relative", 1 / 1.1)):
         second = second_round(pilot(3 * FLAT, 2.0), replace(PLAIN, error=error))
         np.testing.assert_allclose(spikes.pop(), 0.1 * (3 / 2 + 2) / N * weight, rtol=1e-6)
@@ -134,17 +126,21 @@ def test_spikes_not_seen_yet_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_numbers_where_few_samples_see_a_light() -> None:
     """n ~ (V / C)^(1 / (1 + a)) with the V and C that are left; half of the image has other variances of lights."""
-    first = pilot(0 * FLAT)
     lights = np.array([[1, 0.02, 0.02], [1, 1, 0.3]]).repeat(2, axis=0).T[:, None] * np.ones((4, 1, 4, 1))
-    decision = PLAIN.decide(replace(first, sums={**first.sums, "lights": lights}), np.ones((16, 16)), 0)
-    left = decision.halvings[:, 0, [0, -1]].astype(float)
-    v, (cost, of_lights) = lights[0, :, 0, [0, -1]].T, auto._costs(replace(first, sums={"lights": lights}), 0)
+    first = pilot(0 * FLAT)
+    first = replace(first, sums={**first.sums, "lights": lights})
+    patterns, (density, cost) = second_round(first).patterns, decided(first)
+    assert patterns is not None and patterns.halvings is not None and (patterns.pattern == FIRST).all()
+    left = patterns.halvings[:, 0, [0, -2]].astype(float)
+    v = lights[0, :, 0, [0, -1]].T
+    rays = rays_of_colours(RAYS, other_colours(0))
+    all_costs, of_lights = pattern_costs(rays, first.shading_samples, first.techniques, LIGHTS)
     ratio = (v * 2.0 ** (1.4 * left)).sum(axis=0) / v.sum(axis=0)
-    c = cost[FIRST] - (of_lights[:, FIRST, None] * (1 - 2.0**-left)).sum(axis=0)
-    assert (left[:, 0] != left[:, 1]).any() and (decision.pattern == FIRST).all()
-    np.testing.assert_allclose(decision.cost_ratio[0, [0, -1]], c / cost[FIRST])
-    density = decision.density[0, [0, -1]]
-    assert density[0] / density[1] == pytest.approx(((ratio / c)[0] / (ratio / c)[1]) ** (1 / 2.4))
+    c = all_costs[FIRST] - (of_lights[:, FIRST, None] * (1 - 2.0**-left)).sum(axis=0)
+    assert (left[:, 0] != left[:, 1]).any()
+    np.testing.assert_allclose(cost[0, [0, -2]], c)
+    of_halves = density[0, [0, -2]]
+    assert of_halves[0] / of_halves[1] == pytest.approx(((ratio / c)[0] / (ratio / c)[1]) ** (1 / 2.4))
 
 
 def test_ends_need_to_be_good_for_the_image() -> None:
@@ -282,7 +278,7 @@ def test_rounds_of_a_budget(sampler: str, exponent: float) -> None:
 
 
 def test_first_round_grows_with_the_budget() -> None:
-    sizes = {16: 4, 31: 4, 32: 8, 63: 8, 64: 16, 256: 32, 1024: LONGEST, 4096: LONGEST}
+    sizes = {16: 4, 31: 4, 32: 8, 63: 8, 64: 16, 256: 32, 1024: 64, 4096: 64}
     assert {spp: make_rule("auto").pilot_samples(spp) for spp in sizes} == sizes
 
 
@@ -307,6 +303,7 @@ def test_errors() -> None:
         ({"spp": 6}, "multiple of 4, or 0 to choose it; got 6"),
         ({"exponent": 0.5}, "exponent must be a number from 1 to 3"),
         ({"guard": -1.0}, "guard must be a number of at least 0"),
+        ({"error": "mse"}, "error must be absolute or relative; got 'mse'"),
         ({"filter": "box"}, "filter must be gaussian or none or joint; got 'box'"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -353,8 +350,8 @@ def leak(monkeypatch: pytest.MonkeyPatch) -> None:
     def own(variance: Array, spikes: Array, *colours: object) -> Array:
         return variance + 1e-3 * variance.mean()
 
-    monkeypatch.setattr(auto, "_variance", own)
-    monkeypatch.setattr(auto, "CONFIDENCES", {"relative": (1.0,)})
+    monkeypatch.setattr(sample_density, "neighbour_variance", own)
+    monkeypatch.setattr(sample_density, "CONFIDENCES", {"relative": (1.0,)})
 
 
 def test_images_of_few_samples_are_unbiased() -> None:
