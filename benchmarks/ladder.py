@@ -29,7 +29,7 @@ from evenness import Evenness
 from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
-from dmis.estimator.settings import Settings, make_settings, resolve_auto
+from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.oracle_renders import make_oracle, oracle_key, read_curves
 from dmis.experiment.reference import cache_path
@@ -95,9 +95,9 @@ def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, *
     pixels = patch_sum(np.ones(scene.camera.resolution[::-1]), oracle.patch)
     zero = np.broadcast_to(0.0, parts["curve"].shape[1:])
     halves = [PatchCurves(gain_square=zero, pixels=pixels, **{n: a[k] for n, a in parts.items()}) for k in (0, 1)]
-    resolved = resolve_auto(make_settings(settings), scene)
-    s = resolved.shading_samples
-    base_cost = float(camera_sample_cost(rays, GRID_SHARES, 2 * s, 0, resolved.techniques)[0])
+    settings = make_settings(settings)
+    s = settings.shading_samples
+    base_cost = float(camera_sample_cost(rays, GRID_SHARES, 2 * s, 0, settings.techniques)[0])
     return HalvedOracle(
         oracle.variance, oracle.cost, oracle.patch, oracle.spp, oracle.shape, tuple(halves), s, base_cost
     )

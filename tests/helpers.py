@@ -30,6 +30,7 @@ from dmis.estimator.technique import TECHNIQUES
 from dmis.experiment.runs import Run
 from dmis.fit.registry import RULES
 from dmis.fit.round import Round
+from dmis.fit.rule import filled_settings
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.intersect import Hits
 from dmis.pipeline.result import Result
@@ -156,6 +157,13 @@ def pixel_shares(w: Array | float) -> Array:
     return np.stack([first, 1 - first])
 
 
+def image_tile(scene: Scene, seed: int, round_: Round, pass_: int = 0) -> Tile:
+    """Return the tile of a round that is the whole image, with settings for the scene in place of ``auto``."""
+    width, height = scene.camera.resolution
+    settings = filled_settings(round_.settings, scene)
+    return Tile(seed, pass_, 0, (0, height), (0, width), replace(round_, settings=settings))
+
+
 def tile_of(
     scene: Scene,
     seed: int = 0,
@@ -165,10 +173,8 @@ def tile_of(
     **settings: object,
 ) -> tuple[Array, Counter[str]]:
     """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays."""
-    width, height = scene.camera.resolution
-    shares, settings = pixel_shares(w), Settings(sampler=sampler, **settings)
-    tile = Tile(seed, 0, 0, (0, height), (0, width), Round(spp, shares, settings))
-    rendered = render_tile(scene, tile)
+    round_ = Round(spp, pixel_shares(w), Settings(sampler=sampler, **settings))
+    rendered = render_tile(scene, image_tile(scene, seed, round_))
     return rendered.mean, rendered.rays
 
 

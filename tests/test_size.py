@@ -24,7 +24,7 @@ LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 1990), "auto": (47, 2600)}
+RENDERS = {"thesis": (36, 2040), "auto": (47, 2600)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 
 

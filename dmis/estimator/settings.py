@@ -17,7 +17,7 @@ from dmis.light.light_sample import check_compensation
 from dmis.light.selection import SELECTIONS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene, SceneWarning
-from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
+from dmis.scene.suggestions import DEFAULT_INTEGRATOR, MAX_DEPTH
 
 MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
@@ -83,7 +83,7 @@ class Settings:
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
         has been scattered by other surfaces too; ``auto``: what the scene's file says, or its
-        dialect's default; ``direct`` for a scene made in Python. See `resolve_auto`.
+        dialect's default; ``direct`` for a scene made in Python.
     max_depth
         Of ``direct``: surfaces that a camera sample may visit through mirrors and glass. Of ``path``: surfaces that
         may scatter light on its way from a light to the camera, 1 being direct lighting; None: any number, ended by
@@ -99,11 +99,16 @@ class Settings:
     compensation
         Share of the light samples of a sky, in [0, 1), that are drawn in proportion to what exceeds its mean radiance
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
-        techniques and covers the rest. None: `dmis.pipeline.job.LEARNED_COMPENSATION` with a rule that learns from the
+        techniques and covers the rest. None: `dmis.fit.rule.LEARNED_COMPENSATION` with a rule that learns from the
         samples' densities, else 0.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.
+
+    Notes
+    -----
+    A value that equals its default counts as not given. Then a rule's own value takes its place, and else ``auto`` and
+    None are replaced as `dmis.fit.rule.DEFAULTS` says.
     """
 
     shading_samples: int = _option(2, "light and BRDF samples together per camera sample (default 2)", int, "S")
@@ -171,7 +176,9 @@ class Settings:
     @property
     def sky_compensation(self) -> float:
         """`compensation` where BRDF sampling covers what it leaves out, else 0."""
-        return self.compensation or 0.0 if "brdf" in self.techniques else 0.0
+        if self.compensation is None or "brdf" not in self.techniques:
+            return 0.0
+        return self.compensation
 
     @property
     def weigh(self) -> str:
@@ -197,7 +204,10 @@ class Settings:
             If the file asks for what dmis does not have.
         """
         suggested = scene.suggested
-        direct = resolve_auto(make_settings(**options), scene).integrator == "direct"
+        integrator = make_settings(**options).integrator
+        if integrator == "auto":
+            integrator = suggested.integrator or DEFAULT_INTEGRATOR
+        direct = integrator == "direct"
         samples = (suggested.shading_samples if direct else None) or 2
         most = MAX_SHADING_SAMPLES
         unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {most})"] if samples > most else [])]
@@ -248,23 +258,3 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     if isinstance(preset, str) and preset in PRESETS and settings is None:
         settings = Settings(**PRESETS[preset].values)
     return replace(settings or Settings(), **options)
-
-
-def resolve_auto(settings: Settings, scene: Scene) -> Settings:
-    """Return `settings` with the scene's integrator and depth, and with a sampler, in place of ``auto``.
-
-    A depth that the scene names belongs to the integrator that it names. With the other integrator, or where the scene
-    names no depth, the depth is `dmis.scene.suggestions.DEFAULT_DEPTH`. The sampler is ``sobol``.
-    """
-    integrator, max_depth, sampler = settings.integrator, settings.max_depth, settings.sampler
-    if "auto" not in (integrator, max_depth, sampler):
-        return settings
-    suggested = scene.suggested
-    if integrator == "auto":
-        integrator = suggested.integrator or DEFAULT_INTEGRATOR
-    if max_depth == "auto":
-        named = suggested.max_depth is not None and suggested.integrator in (None, integrator)
-        max_depth = suggested.max_depth if named else DEFAULT_DEPTH
-    if sampler == "auto":
-        sampler = "sobol"
-    return replace(settings, integrator=integrator, max_depth=max_depth, sampler=sampler)

@@ -24,15 +24,15 @@ from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.cost import RAY, UNTRACED, camera_sample_cost
 from dmis.estimator.records import Record, Statistic
-from dmis.estimator.settings import Settings, make_settings, resolve_auto
+from dmis.estimator.settings import Settings, make_settings
 from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import KEY, REFERENCE_SEED, cache_path, from_cache, render_halves
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
+from dmis.fit.rule import LEARNED_COMPENSATION
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint, sampling_hashes
-from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
@@ -89,7 +89,7 @@ def make_oracle(
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
         maps_of_curves = _CurveMaps if weigh == "samples" else _TiltMaps
-        rule = maps_of_curves(patch=patch, spp=spp // 2, filter="none", combiner=settings.combiner)
+        rule = maps_of_curves(patch=patch, spp=spp // 2, filter="none")
         more = {"settings": settings, "parallel": parallel, "progress": progress}
         with render_halves(path, scene, rule, spp // 2 + 1, REFERENCE_SEED + 2, **more) as halves:
             rays: Counter[str] = sum((Counter(half.provenance["pilot_rays"]) for half in halves), Counter())
@@ -103,7 +103,6 @@ def make_oracle(
     variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)
     if not variance.any():
         raise ValueError(f"an oracle needs noise; every sample of scene {scene.name!r} is the same")
-    settings = resolve_auto(settings, scene)
     s = settings.shading_samples
     pilot_s, shares = (2 * s, GRID_SHARES) if weigh == "samples" else (s, np.full_like(GRID_SHARES, 0.5))
     cost = camera_sample_cost(counted, shares, pilot_s, s, settings.techniques)
@@ -165,7 +164,7 @@ def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any
     nothing is sampled there. Relative variance is that of a pixel over its squared brightness + `EPSILON`. `options`
     are those of `dmis.pipeline.render.render`.
     """
-    rule = _PatchMaps(gain=scene.in_float32[1], spp=2 * _SPP, patch=patch, filter="none", combiner=settings.combiner)
+    rule = _PatchMaps(gain=scene.in_float32[1], spp=2 * _SPP, patch=patch, filter="none")
     result = render(scene, rule, 2 * _SPP + 1, settings=settings, sampler="independent", **options)
     shape, s = result.image.shape[:2], settings.shading_samples
     covered = np.ones(shape) if scene.covered_pixels is None else scene.covered_pixels.astype(np.float64)
@@ -189,7 +188,7 @@ class _PatchMaps(SecondMoment):
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:
-        return partial(_PixelSums, combiner=self.combiner, gain=self.gain)
+        return partial(_PixelSums, combiner=self.combiner or Settings.combiner, gain=self.gain)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return equal shares, and the maps."""

@@ -24,13 +24,14 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import naming, replacing
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings, resolve_auto
+from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mse, relmse, share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
 from dmis.fit.registry import make_rule
+from dmis.fit.rule import filled_settings
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
@@ -54,7 +55,7 @@ def conditions(
     crop: Sequence[int] | None = None,
 ) -> dict[str, Any]:
     """Return what all rows of a table must share: scene, reference, crop, settings, executor, and the code of dmis."""
-    settings = resolve_auto(settings or Settings(), scene)
+    settings = filled_settings(settings or Settings(), scene)
     crop_area(crop, scene.camera.resolution)  # a bad one is refused before anything is written
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {

@@ -54,7 +54,7 @@ class Auto(OptionRule):
     guard
         Leave w = 1/2 only where the gain in variance is more than this many standard errors.
     combiner
-        Of the samples: a heuristic.
+        Of the samples: a heuristic. None: as the settings say.
     sampler, compensation
         See `dmis.fit.pooled_rule.PooledRule`.
     """
@@ -66,8 +66,8 @@ class Auto(OptionRule):
     filter: str = "joint"
     guard: float = 1.5
     error: str = "relative"
-    combiner: str = "balance"
-    sampler: str = ""
+    combiner: str | None = None
+    sampler: str | None = None
     compensation: float | None = None
     statistic = PatternCurves
 
@@ -79,7 +79,7 @@ class Auto(OptionRule):
         number("guard", self.guard, 0, more="in standard errors")
         one_of("filter", self.filter, ("gaussian", "none", "joint"))
         one_of("error", self.error, CONFIDENCES)
-        if not combiner_by_name(self.combiner).is_heuristic:
+        if self.combiner is not None and not combiner_by_name(self.combiner).is_heuristic:
             raise ValueError(
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
                 f"got {self.combiner!r}. Use second-moment:combiner={self.combiner}"
@@ -107,7 +107,7 @@ class Auto(OptionRule):
         """Yield the first round, which is the same for all pixels, and the second one that it decides."""
         exponent = self.exponent or (1.0 if budget.settings.sampler == "independent" else EXPONENT)
         lights = 0 if budget.plan is None else separate_lights(budget.plan, budget.settings)
-        statistic = partial(PatternCurves, combiner=self.combiner, lights=lights)
+        statistic = partial(PatternCurves, combiner=budget.settings.combiner, lights=lights)
         first_round = budget.pilot(0.5, self.pilot_samples(budget.spp), statistic, self.filter == "joint")
         # the points of the second round go on from those of the first
         settings = replace(first_round.settings, sampler=budget.settings.sampler)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dmis.base.validate import number
 from dmis.estimator.mis import combiner_by_name
+from dmis.estimator.settings import Settings
 from dmis.fit.round import Fit, Pilot, Weight
 from dmis.fit.rule import OptionRule
 
@@ -18,14 +19,15 @@ class Fixed(OptionRule):
     """Use one weight everywhere, without a pilot. w = 1/2 with the balance heuristic is the classic estimator.
 
     For more than two `techniques` w is the shares of all of them. With ``weigh="heuristic"`` w is the share that the
-    heuristic uses, and all techniques take the same number of samples (docs/theory.md, Eq. 8a).
+    heuristic uses, and all techniques take the same number of samples (docs/theory.md, Eq. 8a). Options that are None
+    are as the settings say.
     """
 
     w: Weight = 0.5
-    combiner: str = "balance"
-    techniques: tuple[str, ...] = ("light", "brdf")
-    allocation: str = "systematic"
-    sampler: str = ""
+    combiner: str | None = None
+    techniques: tuple[str, ...] | None = None
+    allocation: str | None = None
+    sampler: str | None = None
     compensation: float | None = None
     weigh: str = "samples"
 
@@ -37,8 +39,9 @@ class Fixed(OptionRule):
                     f"{' + '.join(f'{share:g}' for share in self.w)} = {sum(self.w):g}"
                 )
             return
-        share_range = combiner_by_name(self.combiner).share_range
-        number("w", self.w, *share_range, f"the share of light samples, with combiner {self.combiner}")
+        combiner = self.combiner or Settings.combiner
+        share_range = combiner_by_name(combiner).share_range
+        number("w", self.w, *share_range, f"the share of light samples, with combiner {combiner}")
 
     @property
     def multi_technique(self) -> bool:

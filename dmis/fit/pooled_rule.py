@@ -36,12 +36,13 @@ class PooledRule(OptionRule):
     guard
         Leave the baseline point only where the gain is more than this many standard errors.
     reuse
-        Whether the pilot's samples are part of the image. None: as the settings say, and if these do not, where the
-        final samples are independent too.
+        Whether the pilot's samples are part of the image.
     combiner, sampler
-        Of the final samples; an empty sampler is that of the settings.
+        Of the final samples.
     compensation
-        Of skies, for pilot and final samples, see `dmis.estimator.settings.Settings`. None: as the settings say.
+        Of skies, for pilot and final samples, see `dmis.estimator.settings.Settings`.
+
+    The last four are as the settings say where they are None.
     """
 
     patch: int = 4
@@ -52,8 +53,8 @@ class PooledRule(OptionRule):
     cost: bool = True
     guard: float = 1.5
     reuse: bool | None = None
-    combiner: str = "balance"
-    sampler: str = ""
+    combiner: str | None = None
+    sampler: str | None = None
     compensation: float | None = None
 
     def __post_init__(self) -> None:

@@ -103,8 +103,15 @@ class Round:
     def check(self, shape: tuple[int, int]) -> None:
         """Raise a ValueError unless the round is one of an image of `shape` (height, width).
 
-        Arrays must have a value for each pixel, and each pixel samples, if the round is part of the image.
+        Arrays must have a value for each pixel, and each pixel samples, if the round is part of the image. Settings
+        must have values in place of ``auto``, which would be read as direct lighting.
         """
+        for name in ("integrator", "max_depth", "sampler"):
+            if getattr(self.settings, name) == "auto":
+                raise ValueError(
+                    f"settings of a round must be those of its budget; got {name}='auto'. Write budget.settings, or "
+                    f"dataclasses.replace(budget.settings, ...)"
+                )
         k = len(self.shares)
         for name, of_image in (("spp", ()), ("begin", ()), ("shares", (k,)), ("tilt", (k,))):
             values = getattr(self, name)

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from dmis.base.validate import number, whole
+import numpy as np
+
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, make_settings
-from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
+from dmis.estimator.technique import technique_by_name
+from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh, pilot_settings
+from dmis.scene.scene import Scene
+from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
 
 
 class Rule:
@@ -29,7 +33,7 @@ class Rule:
     pilot
         Camera samples per pixel by weight, rendered before the fit, such as ``{0.0: 2, 1.0: 2}``. Default: no pilot.
     settings
-        Changes to `dmis.estimator.settings.Settings` that belong to the rule. Default: none.
+        Values of `dmis.estimator.settings.Settings` that the rule needs; all others are the caller's. Default: none.
     statistic
         Makes the `dmis.estimator.records.Statistic` that the pilot gathers, such as `dmis.variance.curves.Curves`;
         with it, pilot samples come in pairs. Default: None, the moments of pixels alone.
@@ -98,6 +102,10 @@ class Rule:
         small = f"fewer than {self.least_spp} samples per pixel, rendered with w = 1/2"
         return small if spp < self.least_spp else ""
 
+    def filled(self, settings: Settings) -> Rule:
+        """Return the rule with the values of `settings` for options that leave these open; it has none by default."""
+        return self
+
     def __repr__(self) -> str:
         """Return the name of the class with its attributes, such as ``Quieter(least=0.2)``."""
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
@@ -112,13 +120,19 @@ OPTIONS["reuse_pilot"] = "reuse"
 """Settings that rules have options for, and the names of the options."""
 
 
+@dataclass(frozen=True)
 class OptionRule(Rule):
-    """Base class of rules whose `settings` are its attributes named in `OPTIONS`, but for those None or empty."""
+    """Base class of rules with options for settings, named in `OPTIONS`. None leaves a setting to the caller."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
         values = {name: getattr(self, option, None) for name, option in OPTIONS.items()}
-        return {name: value for name, value in values.items() if value not in (None, "")}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def filled(self, settings: Settings) -> OptionRule:
+        """Return the rule with the values of `settings` for options that are None."""
+        open_options = {name: option for name, option in OPTIONS.items() if getattr(self, option, "") is None}
+        return replace(self, **{option: getattr(settings, name) for name, option in open_options.items()})
 
 
 def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
@@ -145,34 +159,74 @@ def rule_text(rule: Any) -> str:
     return rule if isinstance(rule, str) else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(rule))
 
 
-def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
-    """Return the caller's `settings` with the rule's own, after a check of these and of the rule's pilot.
+# Settings of a rule and its caller ------------------------------------------------------------------------------------
 
-    `text` is the rule's in messages. A ValueError if pilot or settings are not of the right form, or a setting of the
-    caller differs both from its default and from the rule's.
+
+LEARNED_COMPENSATION = 0.9
+"""Compensation of skies, see `Settings`, with a rule that learns from the samples' densities, if none is given.
+
+Of 0, 0.5 and 0.9 the last has the least error on the scene tt: the weights are learned under it.
+"""
+
+
+def _max_depth(settings: Settings, scene: Scene, rule: Rule | None) -> int:
+    """Return the depth that the scene names with the integrator of the settings, else the default one."""
+    suggested = scene.suggested
+    if suggested.max_depth is None or suggested.integrator not in (None, settings.integrator):
+        return DEFAULT_DEPTH
+    return suggested.max_depth
+
+
+def _reuse_pilot(settings: Settings, scene: Scene, rule: Rule | None) -> bool | None:
+    """Return whether the pilot is as independent as the final pass, and no technique has less than a share of it."""
+    if rule is None:
+        return None
+    # a pilot of one technique alone may have many times the error of a mixture
+    mixed = all(0 < share < 1 for weight in rule.pilot for share in np.ravel(weight))
+    return mixed and settings.sampler == "independent"
+
+
+def _compensation(settings: Settings, scene: Scene, rule: Rule | None) -> float | None:
+    """Return the compensation of skies that is best for the rule."""
+    if rule is None:
+        return None
+    return 0.0 if rule.statistic is None else LEARNED_COMPENSATION
+
+
+DEFAULTS: Mapping[str, Callable[[Settings, Scene, Rule | None], Any]] = {
+    "integrator": lambda settings, scene, rule: scene.suggested.integrator or DEFAULT_INTEGRATOR,
+    "max_depth": _max_depth,
+    "sampler": lambda settings, scene, rule: "sobol",
+    "reuse_pilot": _reuse_pilot,
+    "compensation": _compensation,
+}
+"""Values of settings that neither caller nor rule decide, in an order in which each may depend on those before."""
+
+
+def filled_settings(settings: Settings, scene: Scene, rule: Rule | None = None) -> Settings:
+    """Return settings with a value in place of each ``auto`` or None; without a rule, but for those that depend on it.
+
+    ``lights="auto"`` stays, which the scene's plan decides (`dmis.scene.plan.Plan.selection`).
     """
-    for name, example in (("pilot", "{0.5: 2}, camera samples by weight"), ("settings", "{'reuse_pilot': False}")):
-        if not isinstance(value := getattr(rule, name), Mapping):
-            raise ValueError(f"{name} of rule {text} must be a dict such as {example}; got {value!r}. Or leave it out")
+    for name, default in DEFAULTS.items():
+        if getattr(settings, name) == getattr(Settings, name):
+            settings = replace(settings, **{name: default(settings, scene, rule)})
+    return settings
+
+
+def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
+    """Return the caller's `settings` with those that the rule needs; `text` is the rule's in messages.
+
+    A value of the caller counts as given where it differs from its default, that of the preset if there is one. A
+    ValueError if the rule needs another value than is given.
+    """
     defaults = make_settings(preset=settings.preset)
     for name, value in rule.settings.items():
-        if not hasattr(defaults, name):
-            raise ValueError(
-                f"settings of rule {text} must be fields of dmis.Settings; got {name!r}. Fields are "
-                f"{', '.join(vars(defaults))}"
-            )
-        if getattr(settings, name) not in (getattr(defaults, name), value):
-            raise ValueError(
-                f"conflicting {name}: Settings has {getattr(settings, name)!r}, rule {text} uses {value!r}. "
-                f"{_advice(rule, text, name, getattr(settings, name))}"
-            )
-    for w, n in rule.pilot.items():
-        whole(f"samples of the pilot of rule {text} at {w!r}", n, 1)
-        for share in w if isinstance(w, tuple) else (w,):
-            number(f"shares of the pilot of rule {text}", share, 0, 1)
-    merged = replace(settings, **rule.settings)
-    check_weigh(rule.weigh or merged.weigh, merged.combiner)
-    return merged
+        given = getattr(settings, name)
+        if given not in (getattr(defaults, name), value):
+            advice = _advice(rule, text, name, given)
+            raise ValueError(f"conflicting {name}: Settings has {given!r}, rule {text} uses {value!r}. {advice}")
+    return replace(settings, **rule.settings)
 
 
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
@@ -189,3 +243,43 @@ def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
     others = [item for item in rest.split(",") if item and not item.startswith(f"{option}=")]
     word = ("no", "yes")[value] if isinstance(value, bool) else value
     return f'Write rule="{rule_name}:{",".join([*others, f"{option}={word}"])}"'
+
+
+def check_settings(rule: Rule, text: str, settings: Settings) -> None:
+    """Raise a ValueError if a rule cannot render with settings, those that `merge_settings` returned.
+
+    A rule with a statistic learns from the densities of all techniques, unless it is for any number of these; and from
+    pairs of samples at fixed shares.
+    """
+    check_weigh(rule.weigh or settings.weigh, settings.combiner)
+    names = settings.techniques
+    if len(names) > 2 and not rule.multi_technique:
+        raise ValueError(
+            f"rule {text} needs two techniques; got {len(names)}: {', '.join(names)}. "
+            f"Use rule simplex:{'+'.join(names)}"
+        )
+    if rule.statistic is None:
+        return
+    without = [repr(name) for name in names if not technique_by_name(name).exact]
+    if without and not rule.multi_technique:
+        raise ValueError(
+            f"rule {text} needs the pdf of every technique, but {', '.join(without)} has none. Use thesis or fixed "
+            f"weights"
+        )
+    if settings.allocation == "random":
+        raise ValueError(
+            f"rule {text} needs allocation systematic, because it learns variances at fixed shares; got random. Use "
+            f"thesis or fixed weights, which go with it"
+        )
+    for name, n in (
+        ("shading_samples", settings.shading_samples),
+        *(("pilot samples", n) for n in rule.pilot.values()),
+    ):
+        if n % 2:
+            raise ValueError(
+                f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {n + 1}, or "
+                f"rule thesis"
+            )
+        if name == "pilot samples" and n % len(names):
+            raise ValueError(f"{name} must be a multiple of {len(names)}, the number of techniques; got {n}")
+    pilot_settings(settings, paired=True)  # refuses too many shading samples

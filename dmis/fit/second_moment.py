@@ -15,6 +15,7 @@ import numpy as np
 from dmis.base.patches import patch_spread, patch_sum
 from dmis.base.validate import positive
 from dmis.estimator.records import Statistic
+from dmis.estimator.settings import Settings
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import Gather, objective
 from dmis.fit.pooled_rule import PooledRule
@@ -74,7 +75,7 @@ class SecondMoment(PooledRule):
         """Makes the statistic that the pilot gathers."""
         if self.objective != "second-moment":
             return partial(Gather, objective(self.objective, self.gamma))
-        return partial(Curves, combiner=self.combiner)
+        return partial(Curves, combiner=self.combiner or Settings.combiner)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return the shares from the pilot at w = 1/2."""

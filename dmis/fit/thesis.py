@@ -53,9 +53,9 @@ class Thesis(OptionRule):
         them out; and with patches that the border cuts: ``equal``, they count as the others do, or ``area``, by their
         pixels. By the defaults all patches count the same, as in the thesis.
     reuse
-        Whether the pilot's samples are part of the image.
+        Whether the pilot's samples are part of the image. None: as the settings say, and no by default.
     combiner, sampler
-        Of the final samples; an empty sampler is that of the settings.
+        Of the final samples. None: as the settings say.
     weigh
         What w is: the share that the ``heuristic`` uses, with as many light as BRDF samples at every vertex
         (docs/theory.md, Eq. 8a), or the share of light ``samples``. Empty: the first, unless the preset is
@@ -83,9 +83,9 @@ class Thesis(OptionRule):
     sigma: float = 1.0
     no_signal: str = "half"
     ragged: str = "equal"
-    reuse: bool = False
-    combiner: str = "balance"
-    sampler: str = ""
+    reuse: bool | None = None
+    combiner: str | None = None
+    sampler: str | None = None
     weigh: str = ""
     shares_only = True
 

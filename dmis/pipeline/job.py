@@ -12,18 +12,16 @@ from functools import cached_property
 from typing import Any
 from warnings import warn
 
-import numpy as np
-
 from dmis import __version__
 from dmis.base.validate import whole
 from dmis.estimator.presets import PRESETS
-from dmis.estimator.settings import MAX_SHADING_SAMPLES, Settings, resolve_auto
-from dmis.estimator.technique import technique_by_name
+from dmis.estimator.settings import Settings
+from dmis.fit.auto import Auto
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Budget, pilot_settings
-from dmis.fit.rule import Rule, merge_settings, rule_text
-from dmis.fit.sample_numbers import LEAST_SPP, LEVELS
+from dmis.fit.round import Budget
+from dmis.fit.rule import Rule, check_settings, filled_settings, merge_settings, rule_text
+from dmis.fit.sample_numbers import LEVELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning
@@ -32,11 +30,6 @@ DEFAULT_SPP = 128
 """Camera samples per pixel of a render that nothing else ends."""
 MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
-LEARNED_COMPENSATION = 0.9
-"""Compensation of skies, see `Settings`, with a rule that learns from the samples' densities, if none is given.
-
-Of 0, 0.5 and 0.9 the last has the least error on the scene tt: the weights are learned under it.
-"""
 NOTHING_TO_MIX = "no light has two techniques: no pilot, equal shares"
 """Value of ``nothing_to_mix`` in the provenance of a render for which this is so."""
 
@@ -125,94 +118,77 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, s
     """
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
-    spp, seed = whole("spp", DEFAULT_SPP if spp is None else spp, 1, MAX_SPP), whole("seed", seed, 0)
+    spp = whole("spp", DEFAULT_SPP if spp is None else spp, 1, MAX_SPP)
+    seed = whole("seed", seed, 0)
     float32_scene, gain = scene.in_float32
-    if not float32_scene.plan.has_light:
-        dark = (
-            f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add one, such as"
-        )
-        example = "dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
-        warn(SceneWarning(f"{dark} {example}"), stacklevel=3)
-    rule = default_rule(spp, settings) if rule is None else rule
+    _warn_if_dark(float32_scene)
+    # name the rule
+    reason = ""
+    if rule is None:
+        rule, reason = default_rule(spp, settings)
     text = rule_text(rule)
-    rule = make_rule(rule)
-    settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
-    notes: dict[str, str] = {}
-    if reason := rule.fallback(spp):
-        notes, rule = {"fallback": reason}, _equal_shares(settings)
-    if settings.reuse_pilot is None:
-        # a pilot of one technique alone may have many times the error of a mixture
-        mixed = all(0 < share < 1 for weight in rule.pilot for share in np.ravel(weight))
-        settings = replace(settings, reuse_pilot=mixed and settings.sampler == "independent")
-    if settings.compensation is None:
-        settings = replace(settings, compensation=0 if rule.statistic is None else LEARNED_COMPENSATION)
-    techniques = settings.techniques
-    if len(techniques) > 2 and not rule.multi_technique:
-        raise ValueError(
-            f"rule {text} needs two techniques; got {len(techniques)}: {', '.join(techniques)}. "
-            f"Use rule simplex:{'+'.join(techniques)}"
-        )
-    if rule.statistic is not None:
-        _check_statistic(rule, text, settings)
-    if rule.shares_only and not float32_scene.plan.mixable:
-        notes, rule = {**notes, "nothing_to_mix": NOTHING_TO_MIX}, _equal_shares(settings)
-    if spp <= (pilot_spp := rule.pilot_samples(spp)):
+    named = make_rule(rule)
+    merged = merge_settings(named, text, settings)
+    # fall back to equal shares, if there is a reason
+    notes = _reasons(named, spp, float32_scene, reason)
+    used = _equal_shares(merged) if notes else named
+    # fill what is open, of the settings and then of the rule
+    filled = filled_settings(merged, float32_scene, used)
+    used = used.filled(filled)
+    check_settings(used, text, filled)
+    if spp <= (pilot_spp := used.pilot_samples(spp)):
         raise ValueError(
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    return Job(float32_scene, gain, scene, rule, text, spp, seed, settings, notes)
+    return Job(float32_scene, gain, scene, used, text, spp, seed, filled, notes)
 
 
-def default_rule(spp: int, settings: Settings) -> Rule | str:
-    """Return the rule of a render that names none.
+def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:
+    """Return the rule of a render that names none, and why it is not ``auto``; the reason is empty if it is.
 
-    ``auto`` where its pilot pays and its statistic exists; else w = 1/2 with the techniques and the combiner of
-    `settings`: for fewer than 16 samples per pixel or tens of thousands, for a number of shading samples that is odd or
-    very large, and with the technique ``resampled``. A preset names its rule.
+    ``auto`` where its first round pays and it goes with the settings; else equal shares, with the techniques, the
+    combiner and the allocation of `settings`. A preset names its rule.
     """
     if settings.preset is not None:
-        return PRESETS[settings.preset].rule
-    s = settings.shading_samples
-    pays = LEAST_SPP <= spp <= LEVELS[-1] // 2
-    if pays and s % 2 == 0 and 2 * s <= MAX_SHADING_SAMPLES and not _without_densities(settings):
-        return "auto"
-    rule = _equal_shares(settings)
-    return "balance" if rule == Fixed() else rule
+        return PRESETS[settings.preset].rule, ""
+    reason = _objection_to_auto(spp, settings)
+    if not reason:
+        return "auto", ""
+    if len(settings.techniques) > 2:
+        return _equal_shares(settings), reason
+    return "balance" if settings.combiner == "balance" else "fixed:0.5", reason
+
+
+def _objection_to_auto(spp: int, settings: Settings) -> str:
+    """Return why the rule ``auto`` does not render a budget with settings; empty if it does."""
+    auto = Auto()
+    if spp > (most := LEVELS[-1] // 2):
+        return f"more than {most:,} samples per pixel, rendered with w = 1/2"
+    try:
+        merged = merge_settings(auto, "auto", settings)
+        check_settings(auto.filled(merged), "auto", merged)
+    except ValueError as error:
+        return str(error)
+    return auto.fallback(spp)
+
+
+def _reasons(rule: Rule, spp: int, scene: Scene, reason: str) -> dict[str, str]:
+    """Return why a render has equal shares, the `reason` of a default rule or the rule's own, for `Job.notes`."""
+    if reason := reason or rule.fallback(spp):
+        return {"fallback": reason}
+    return {"nothing_to_mix": NOTHING_TO_MIX} if rule.shares_only and not scene.plan.mixable else {}
 
 
 def _equal_shares(settings: Settings) -> Fixed:
-    """Return the rule of equal shares with these settings."""
+    """Return the rule of equal shares of the techniques of settings, which decide all else."""
     k = len(settings.techniques)
-    return Fixed(0.5 if k == 2 else (1 / k,) * k, settings.combiner, settings.techniques, settings.allocation)
+    return Fixed(0.5 if k == 2 else (1 / k,) * k)
 
 
-def _without_densities(settings: Settings) -> list[str]:
-    """Return the names of the techniques whose pdf is not known."""
-    return [name for name in settings.techniques if not technique_by_name(name).exact]
-
-
-def _check_statistic(rule: Rule, text: str, settings: Settings) -> None:
-    """Raise a ValueError if the rule's statistic does not go with the techniques, samples or allocation of settings."""
-    if not rule.multi_technique and (without := _without_densities(settings)):
-        raise ValueError(
-            f"rule {text} needs the pdf of every technique, but {', '.join(map(repr, without))} has none. Use thesis "
-            f"or fixed weights"
-        )
-    if settings.allocation == "random":
-        raise ValueError(
-            f"rule {text} needs allocation systematic, because it learns variances at fixed shares; got random. Use "
-            f"thesis or fixed weights, which go with it"
-        )
-    for name, n in (
-        ("shading_samples", settings.shading_samples),
-        *(("pilot samples", n) for n in rule.pilot.values()),
-    ):
-        if n % 2:
-            raise ValueError(
-                f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {n + 1}, or "
-                f"rule thesis"
-            )
-        if name != "shading_samples" and n % (techniques := len(settings.techniques)):
-            raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
-    pilot_settings(settings, paired=True)  # refuses too many shading samples
+def _warn_if_dark(scene: Scene) -> None:
+    """Warn of a scene without light."""
+    if not scene.plan.has_light:
+        text = f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add one, such"
+        example = "as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
+        warn(SceneWarning(f"{text} {example}"), stacklevel=4)

@@ -12,7 +12,7 @@ from dmis.base.vectors import Array, indices
 from dmis.estimator.allocation import SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.settings import Settings, resolve_auto
+from dmis.estimator.settings import Settings
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import CountingCaster, RayCaster
@@ -146,7 +146,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
     ValueError
         If a pixel is not finite.
     """
-    tile = replace(tile, round=replace(tile.round.in_row_order(), settings=resolve_auto(tile.round.settings, scene)))
+    tile = replace(tile, round=tile.round.in_row_order())
     round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
     observers = Observers(round_, tile.shape)
     counting = CountingCaster(caster or scene.intersector, observers.colour_of_pixel)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, images_z_score, pixel_shares, z_score
+from helpers import Z_LIMIT, image_tile, images_z_score, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array, dot
@@ -15,7 +15,7 @@ from dmis.fit.round import Round
 from dmis.geometry.shapes import quad, sphere
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 from dmis.scene.shading_points import ShadingPoints
@@ -90,8 +90,8 @@ BELOW = QuadLight((-0.7, -0.7, -1.6), (1.4, 0, 0), (0, 1.4, 0), (4, 2, 1))
 
 
 def images(scene: Scene, w: float, seed: int, settings: Settings, count: int = 2) -> Array:
-    width, height = scene.camera.resolution
-    tiles = (Tile(seed + k, 0, 0, (0, height), (0, width), Round(16, pixel_shares(w), settings)) for k in range(count))
+    round_ = Round(16, pixel_shares(w), settings)
+    tiles = (image_tile(scene, seed + k, round_) for k in range(count))
     return np.array([render_tile(scene, tile).mean for tile in tiles])
 
 
@@ -152,8 +152,8 @@ def test_smooth_glass_in_an_even_sky_has_no_noise() -> None:
     camera = box_scene(glass(), eye=(0, -6, 0), resolution=(8, 8)).camera
     ball = replace(sphere(0.9, segments=48), normals=None)  # at edges, light refracted about others may not get in
     scene = Scene(camera, (Part(ball, glass()),), (EnvironmentLight(np.ones((2, 4, 3), np.float32)),))
-    tile = Tile(0, 0, 0, (0, 8), (0, 8), Round(64, pixel_shares(0.5), Settings(integrator="path", max_depth=None)))
-    rendered = render_tile(scene, tile)
+    round_ = Round(64, pixel_shares(0.5), Settings(integrator="path", max_depth=None))
+    rendered = render_tile(scene, image_tile(scene, 0, round_))
     np.testing.assert_allclose(rendered.mean, 1, atol=2e-4)
     np.testing.assert_allclose(rendered.root**2 / 63, 0, atol=1e-6)
 

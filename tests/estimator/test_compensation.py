@@ -13,9 +13,9 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.experiment.oracle_renders import oracle_key
 from dmis.fit.fixed import Fixed
+from dmis.fit.rule import LEARNED_COMPENSATION
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
-from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.testing.scenes import box_scene
 from dmis.testing.sphere import sphere_rule, uniforms
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, pixel_shares, z_score
+from helpers import Z_LIMIT, image_tile, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -11,7 +11,7 @@ from dmis.estimator.optimal_mis import MIN_SAMPLES_TO_FIT, Optimal
 from dmis.estimator.records import Record
 from dmis.fit.round import Round
 from dmis.geometry.shapes import quad
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 
 PIXELS = 50
 
@@ -126,7 +126,8 @@ def test_rejected_directions_count_as_missed() -> None:
     camera = dmis.Camera.look_at((0, -6, 2), (0, 0, 0), fov=30, resolution=(16, 16))
     scene = dmis.Scene(camera, (part,), (dmis.EnvironmentLight(np.ones((1, 1, 3))),), "coarse ball")
     scene.prepare()
-    tiles = [Tile(s, 0, 0, (0, 16), (0, 16), Round(64, pixel_shares(0.5), dmis.Settings(), Control)) for s in range(40)]
+    round_ = Round(64, pixel_shares(0.5), dmis.Settings(), Control)
+    tiles = [image_tile(scene, seed, round_) for seed in range(40)]
     assert abs(z_score([render_tile(scene, tile).sums["control"].mean() for tile in tiles], 0.0)) < Z_LIMIT
 
 

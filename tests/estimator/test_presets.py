@@ -12,7 +12,8 @@ import pytest
 import dmis
 from dmis.cli.commands import main
 from dmis.estimator.presets import PRESETS
-from dmis.estimator.settings import make_settings, resolve_auto
+from dmis.estimator.settings import make_settings
+from dmis.fit.rule import filled_settings
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -101,9 +102,9 @@ def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> No
 
 
 def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
-    settings = resolve_auto(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("path")))
+    settings = filled_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("path")))
     assert settings.one_light and settings.preset == "thesis"
-    assert not resolve_auto(
+    assert not filled_settings(
         make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("direct"))
     ).one_light
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, Z_LIMIT, pixel_shares, shared_scene, tile_of
+from helpers import LEVEL, Z_LIMIT, image_tile, pixel_shares, shared_scene, tile_of
 
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.samplers.streams import stream
 from dmis.testing.scenes import box_scene
 from dmis.variance.moments import Film, Moments
@@ -111,9 +111,8 @@ def test_densities_and_values_are_equal(page: SimpleNamespace, monkeypatch: pyte
     plain_integrand = page.globals["integrand"]
     monkeypatch.setitem(page.globals, "integrand", integrand)
     page.radiance(scene, x, y, np.full(len(x), 0.5, np.float32), stream(SEED, 0, 0))
-    width, height = scene.camera.resolution
-    settings = Settings(sampler="independent")
-    render_tile(scene, Tile(SEED, 0, 0, (0, height), (0, width), Round(1, pixel_shares(0.5), settings, Shelf)))
+    round_ = Round(1, pixel_shares(0.5), Settings(sampler="independent"), Shelf)
+    render_tile(scene, image_tile(scene, SEED, round_))
     floor = [entry for entry in logged if entry[0].shape[1] == len(x)]  # four lights, two of them by two techniques
     assert len(floor) == 6 and len(Shelf.records) == 4
     for record, (f, p_l, p_b) in zip(Shelf.records, floor, strict=False):
@@ -133,9 +132,8 @@ def test_images_agree(page: SimpleNamespace, name: str, w: str) -> None:
     share = np.full(len(x), 0.3, np.float32) if w == "0.3" else np.linspace(0.1, 0.9, len(x), dtype=np.float32)
     samples = page.radiance(scene, *(np.tile(a, spp) for a in (x, y, share)), stream(SEED, 1, 0))
     plain = Moments.of(samples.mean(axis=0, dtype=float).reshape(spp, len(x)))
-    width, height = scene.camera.resolution
-    settings = Settings(sampler="independent")
-    tile = render_tile(scene, Tile(SEED, 2, 0, (0, height), (0, width), Round(spp, pixel_shares(share), settings)))
+    round_ = Round(spp, pixel_shares(share), Settings(sampler="independent"))
+    tile = render_tile(scene, image_tile(scene, SEED, round_, 2))
     fast = Film(spp, tile.mean, tile.root)
     # of the mean of the channels, which are taken as fully dependent
     deviation = np.sqrt(fast.variance()).mean(axis=-1).reshape(-1)

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, results_z, shared_scene
+from helpers import Z_LIMIT, image_tile, results_z, shared_scene
 
 import dmis
 from dmis.base.patches import patch_mean
@@ -14,7 +14,7 @@ from dmis.estimator.allocation import shares_of
 from dmis.fit.round import Budget, Round
 from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, QuadLight
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID
 from dmis.variance.tilt_curves import TiltCurves
@@ -117,7 +117,7 @@ def test_curves_of_a_disk() -> None:
     for pairs in (1, 3):
         settings = dmis.Settings(sampler="independent", shading_samples=2 * pairs)
         round_ = Round(512, shares_of(0.5)[:, None], settings, TiltCurves)
-        curve = render_tile(disk(), Tile(1, 0, 0, (0, 16), (0, 16), round_)).sums["curve"].sum(axis=(1, 2)) / 256
+        curve = render_tile(disk(), image_tile(disk(), 1, round_)).sums["curve"].sum(axis=(1, 2)) / 256
         expected = [disk_moments(float(w))[1] / pairs for w in GRID]
         np.testing.assert_allclose(curve, expected, rtol=0.03)
 
@@ -137,7 +137,7 @@ def test_curves_predict_renders(integrator: str) -> None:
     tilts = ("0.1", "0.9", "1" if integrator == "direct" else "0.97")
     statistic = partial(TiltCurves, grid=np.float32(tilts))
     round_ = Round(4096, shares_of(0.5)[:, None], dmis.Settings(**options), statistic)
-    curve = render_tile(scene, Tile(9, 0, 0, (0, 12), (0, 16), round_)).sums["curve"] / 16
+    curve = render_tile(scene, image_tile(scene, 9, round_)).sums["curve"] / 16
     for predicted, w in zip(curve, tilts, strict=True):
         result = dmis.render(scene, f"fixed:{w},weigh=heuristic", 4096, seed=1, **options)
         measured = patch_mean(result.variance[..., 0] * 4096, 4)

@@ -9,7 +9,7 @@ from dmis.base.vectors import Array
 from dmis.experiment.metrics import ratio
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.oracle_renders import curve_settings, make_oracle
-from dmis.pipeline.job import LEARNED_COMPENSATION
+from dmis.fit.rule import LEARNED_COMPENSATION
 from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID, HALF
 

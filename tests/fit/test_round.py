@@ -60,6 +60,9 @@ def test_right_rounds_are_not() -> None:
         ({"tilt": np.full((2, 4, 3), 0.5)}, "tilt of a round must be of shape (2,) or (2, 3, 4)"),
         ({"spp": np.ones((4, 3), int)}, "spp of a round must be of shape () or (3, 4), for the image or for"),
         ({"begin": np.ones(4, int)}, "begin of a round must be of shape () or (3, 4)"),
+        ({"settings": dmis.Settings(integrator="path", sampler="sobol")}, "those of its budget; got max_depth='auto'"),
+        ({"settings": dmis.Settings(max_depth=3, sampler="sobol")}, "got integrator='auto'. Write budget.settings, or"),
+        ({"settings": dmis.Settings(integrator="path", max_depth=3)}, "got sampler='auto'"),
         ({"spp": np.eye(3, 4, dtype=int)}, "spp of a round with an image_weight must be at least 1, because every"),
     ],
 )

@@ -137,12 +137,12 @@ class Stubborn(dmis.Rule):
 @pytest.mark.parametrize(
     ("rule", "setting", "advice"),
     [
-        ("thesis", {"combiner": "power"}, 'Write rule="thesis:combiner=power"'),
+        ("balance", {"combiner": "power"}, 'Write rule="balance:combiner=power"'),
         ("thesis:8,combiner=balance", {"combiner": "power"}, 'Write rule="thesis:8,combiner=power"'),
         ("thesis:reuse=no", {"reuse_pilot": True}, 'Write rule="thesis:reuse=yes"'),
-        (Thesis(8), {"combiner": "power"}, "Make the rule with combiner='power'"),
+        (Thesis(8, combiner="balance"), {"combiner": "power"}, "Make the rule with combiner='power'"),
         (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave it out of the settings"),
-        ("fixed:0.3", {"techniques": ("resampled", "brdf")}, 'Write rule="simplex:resampled=0.5,brdf=0.5" with your'),
+        ("uniform", {"techniques": ("resampled", "brdf")}, 'Write rule="simplex:resampled=0.5,brdf=0.5" with your'),
         ("simplex", {"techniques": ("light", "uniform")}, 'Write rule="simplex:light=0.5,uniform=0.5" with your'),
     ],
 )

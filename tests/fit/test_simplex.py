@@ -233,7 +233,7 @@ def test_the_image_does_not_depend_on_threads() -> None:
     assert one.maps["patch"].shape == (3, 9, 10) and one.provenance["settings"]["techniques"][2] == "resampled"
     np.testing.assert_allclose(one.maps["patch"].sum(axis=0), 1)
     np.testing.assert_array_equal(one.weight, np.kron(one.maps["patch"][0], np.ones((4, 4)))[:33].astype(np.float32))
-    assert make_rule("simplex:light=0.25,brdf=0.75") == Fixed(0.25)
+    assert make_rule("simplex:light=0.25,brdf=0.75") == Fixed(0.25, techniques=("light", "brdf"))
     assert dmis.render(scene, f"simplex:{MIX}", 4, seed=3).weight == pytest.approx(0.3)
 
 
@@ -321,6 +321,6 @@ def test_rules_of_two_techniques() -> None:
     scene = box_scene(resolution=(8, 8))
     with pytest.raises(ValueError, match=r"weight must be of shape \(3,\) or .*; got \(2,\)"):
         dmis.render(scene, Fixed((0.5, 0.5), techniques=three), 16)
-    for rule in ("thesis", "second-moment", None):
+    for rule in ("thesis", "second-moment", "balance"):
         with pytest.raises(ValueError, match="needs two techniques; got 3: light, brdf, uniform"):
             dmis.render(scene, rule, 16, settings=Settings(techniques=three))

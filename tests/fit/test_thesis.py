@@ -220,11 +220,11 @@ def test_ragged_patches_may_count_by_their_area() -> None:
 @pytest.mark.parametrize(
     "text, expected",
     [
-        ("balance", Fixed()),
+        ("balance", Fixed(combiner="balance")),
         ("fixed:0.25", Fixed(0.25)),
         ("fixed:w=0.25", Fixed(0.25)),
         ("fixed:1,combiner=power", Fixed(1.0, "power")),
-        (" balance ", Fixed()),
+        (" balance ", Fixed(combiner="balance")),
         ("balance:combiner=maximum", Fixed(combiner="maximum")),
         ("pbrt", Fixed(combiner="power")),
         ("one-sample", Fixed(allocation="random")),
@@ -234,7 +234,7 @@ def test_ragged_patches_may_count_by_their_area() -> None:
         ("thesis:", Thesis()),
         ("thesis:8,filter=none", Thesis(8, filter="none")),
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
-        ("thesis:channels=rgb,size=3,reuse=no", Thesis(channels="rgb", size=3)),
+        ("thesis:channels=rgb,size=3,reuse=no", Thesis(channels="rgb", size=3, reuse=False)),
         ("thesis:reuse=ON", Thesis(reuse=True)),
         ("thesis:auto", Thesis("auto")),
         ("thesis:patch=auto,no_signal=skip,ragged=area", Thesis("auto", no_signal="skip", ragged="area")),

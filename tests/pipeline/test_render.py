@@ -1,6 +1,7 @@
 """The pipeline: pilot, fit, final pass; the same image however the work is divided; work that is not lost."""
 
 import json
+import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -157,9 +158,9 @@ def test_weight_of_a_reused_pilot_does_not_depend_on_numbers_of_samples(box, spr
 
 
 def _rounds(scene, weights, spp, seed):
-    settings = dmis.Settings(sampler="independent")  # as those of a pilot
-    with Passes(resolve(scene, "thesis", 16, seed, settings), 1) as passes:
-        return [passes.render(Round(spp, shares_of(w), settings)).moments.mean for w in weights]
+    job = resolve(scene, "thesis", 16, seed, dmis.Settings(sampler="independent"))  # as those of a pilot
+    with Passes(job, 1) as passes:
+        return [passes.render(Round(spp, shares_of(w), job.settings)).moments.mean for w in weights]
 
 
 @dataclass
@@ -356,21 +357,51 @@ def test_bad_weights_are_refused(box, fit, message):
         dmis.render(box, Own(fit), 8)
 
 
-@pytest.mark.parametrize("rule", ["balance", "auto", "thesis", "second-moment", "kl"])
-def test_settings_that_a_rule_would_replace(box, rule):
-    """They would be ignored without a word."""
-    with pytest.raises(
-        ValueError, match=f"conflicting combiner: Settings has 'maximum', rule '?{rule}'? uses 'balance'"
-    ):
-        dmis.render(box, rule, 32, settings=dmis.Settings(combiner="maximum"))
+@pytest.mark.parametrize(
+    ("rule", "option", "settings"),
+    [
+        *((rule, "combiner=power", {"combiner": "power"}) for rule in ("auto", "counts", "thesis")),
+        *((rule, "combiner=optimal", {"combiner": "optimal"}) for rule in ("second-moment", "fixed:0.3")),
+        ("simplex", "combiner=maximum", {"combiner": "maximum"}),
+        ("one-sample", "combiner=power", {"combiner": "power"}),
+        ("thesis", "reuse=yes", {"reuse_pilot": True}),
+        ("fixed:0.3", "allocation=random", {"allocation": "random"}),
+    ],
+)
+def test_settings_are_options_that_a_rule_leaves_open(box, rule, option, settings):
+    """The rule learns and renders with them as if it had named them itself."""
+    option_text = f"{rule}{',' if ':' in rule else ':'}{option}"
+    result = dmis.render(box, rule, 32, settings=dmis.Settings(**settings))
+    assert same(result, dmis.render(box, option_text, 32)) and not same(result, dmis.render(box, rule, 32))
+    assert settings.items() <= result.provenance["settings"].items()
+    jobs = [resolve(box, rule, 32, 0, dmis.Settings(**given)) for rule, given in ((rule, settings), (option_text, {}))]
+    assert jobs[0].rule == jobs[1].rule and "fallback" not in result.provenance
 
 
-def test_settings_without_a_rule(box):
-    """Too few samples to learn from: half and half, with the combiner and the techniques that are asked for."""
-    settings = dmis.Settings(combiner="maximum", techniques=("uniform", "brdf"))
-    found = dmis.render(box, None, 8, settings=settings)
-    assert found.provenance["combiner"] == "maximum"
-    assert same(found, dmis.render(box, Fixed(0.5, "maximum", ("uniform", "brdf")), 8))
+@pytest.mark.parametrize(
+    ("settings", "rule", "reason"),
+    [
+        ({"combiner": "power"}, "auto", None),
+        ({"techniques": ("light", "uniform")}, "auto", None),
+        ({"allocation": "random"}, "balance", "rule auto needs allocation systematic, because .* Use thesis or"),
+        ({"reuse_pilot": True}, "balance", "conflicting reuse_pilot: Settings has True, rule auto uses False"),
+        ({"combiner": "optimal"}, "fixed:0.5", "combiner must be a heuristic, .* Use second-moment:combiner=optimal"),
+        ({"techniques": ("light", "brdf", "uniform")}, "Fixed.*", "rule auto needs two techniques; got 3"),
+        ({"techniques": ("resampled", "brdf")}, "balance", "needs the pdf of every technique, but 'resampled' has"),
+    ],
+)
+def test_settings_without_a_rule(box, settings, rule, reason):
+    """`auto` where it goes with the settings, else equal shares with these, and the provenance says why."""
+    result = dmis.render(box, None, 16, **settings)
+    about = result.provenance
+    assert re.fullmatch(rule, about["rule"]) and settings.items() <= about["settings"].items()
+    if reason:
+        assert re.search(reason, about["fallback"])
+        k = len(about["settings"]["techniques"])
+        equal = Fixed(0.5 if k == 2 else (1 / k,) * k)
+        assert same(result, dmis.render(box, equal, 16, **settings))
+    else:
+        assert "fallback" not in about
 
 
 @pytest.mark.parametrize(("weight", "reused"), [(0.0, False), (1.0, False), (0.2, True)])

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, images_z_score, pixel_shares
+from helpers import LEVEL, Z_LIMIT, image_tile, images_z_score, pixel_shares
 
 import dmis
 from dmis.base.vectors import Array
@@ -12,7 +12,7 @@ from dmis.brdf.materials import matte
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.light.area import DiskLight
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
 from dmis.samplers.pixel_block import CONTINUE, PixelBlock
 from dmis.samplers.streams import stream
@@ -159,8 +159,8 @@ def test_blocks_of_a_camera_sample_are_better_than_separate_sequences() -> None:
     scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=0.01, target=(0.9, 1e-4, 0))
     variance = {}
     for name in ("independent", "lowdiscrepancy"):
-        settings = Settings(shading_samples=8, sampler=name)
-        tiles = (Tile(seed, 0, 0, (0, 1), (0, 1), Round(1, pixel_shares(1.0), settings)) for seed in range(200))
+        round_ = Round(1, pixel_shares(1.0), Settings(shading_samples=8, sampler=name))
+        tiles = (image_tile(scene, seed, round_) for seed in range(200))
         means = np.array([render_tile(scene, tile).mean[0, 0, 0] for tile in tiles])
         variance[name] = means.var(ddof=1)
     assert variance["lowdiscrepancy"] < 0.2 * variance["independent"]

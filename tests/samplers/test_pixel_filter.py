@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, pixel_shares, z_score
+from helpers import LEVEL, Z_LIMIT, image_tile, pixel_shares, z_score
 from scipy.integrate import quad
 
 import dmis
@@ -15,7 +15,7 @@ from dmis.geometry.shapes import sphere
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
@@ -95,12 +95,8 @@ def test_pixels_are_means_of_the_image_around_them(name: str) -> None:
         (0.0, -9.0, 5.0), (0.0, 18.0, 0.0), (9.0, 0.0, 0.0)
     )  # black, before the right half
     scene = Scene(camera, (Part(wall, dmis.matte(0)),), (light,))
-    images = [
-        render_tile(
-            scene, Tile(seed, 0, 0, (0, 3), (0, 9), Round(64, pixel_shares(0.5), Settings(sampler="independent")))
-        ).mean
-        for seed in range(30)
-    ]
+    round_ = Round(64, pixel_shares(0.5), Settings(sampler="independent"))
+    images = [render_tile(scene, image_tile(scene, seed, round_)).mean for seed in range(30)]
     radius = filter.radius[0]
     for column in range(9):
         edge = np.clip(4.5 - (column + 0.5), -radius, radius)  # of the wall, from the pixel's middle

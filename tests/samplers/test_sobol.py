@@ -186,7 +186,7 @@ def test_images_do_not_depend_on_tiles_and_passes(monkeypatch: pytest.MonkeyPatc
     """Tiles of two sizes in two passes, at shares that need rounding."""
     light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
     scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(20, 12), fov=10, target=(0, 1e-4, 0))
-    settings = Settings(sampler="sobol", integrator="direct")
+    settings = Settings(sampler="sobol", integrator="direct", max_depth=5)
     round_ = Round(8, np.array([0.3, 0.7], np.float32), settings)
     images = []
     for side, pass_ in ((32, 0), (4, 3)):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, Watched, mean_and_error, pixel_shares
+from helpers import LEVEL, Z_LIMIT, Watched, image_tile, mean_and_error, pixel_shares
 from scipy.stats import kstest
 
 from dmis import render
@@ -17,7 +17,7 @@ from dmis.fit.round import Round
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.light.area import DiskLight, QuadLight
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Sampler, stream
 from dmis.scene.camera import Camera
@@ -193,8 +193,8 @@ def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
     sides = []
     for seed in range(16):
         watch = Watched(scene.intersector)
-        tile = Tile(seed, 0, 0, (0, 5), (0, 5), Round(16, pixel_shares(np.full(25, w)), settings))
-        render_tile(scene, tile, watch)
+        round_ = Round(16, pixel_shares(np.full(25, w)), settings)
+        render_tile(scene, image_tile(scene, seed, round_), watch)
         # the first query is the light technique's: it goes first
         place = (watch.origins[0][:2] / (4 * np.tan(np.radians(5))) + 1) * 5 / 2
         column, row = np.clip(place.astype(int), 0, 4)
@@ -222,7 +222,8 @@ def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
     stripe = half / 10
     paper = [Part(quad((x, -2, 0.0001), (stripe, 0, 0), (0, 4, 0)), matte(0)) for x in stripe * (2 * np.arange(10) - 9)]
     scene = box_scene(matte(0.5), (light,), tuple(paper), (10, 10), eye=(0, 0, 4), fov=10, target=(0, 1e-4, 0))
-    tiles = [Tile(seed, 0, 0, (0, 10), (0, 10), Round(8, pixel_shares(w), Settings(sampler=kind))) for seed in range(4)]
+    round_ = Round(8, pixel_shares(w), Settings(sampler=kind))
+    tiles = [image_tile(scene, seed, round_) for seed in range(4)]
     mean, error = mean_and_error([render_tile(scene, tile).mean for tile in tiles])
     middles = half * ((np.arange(200) + 0.5) / 100 - 1)
     x, y = np.meshgrid(middles, middles)

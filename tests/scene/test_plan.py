@@ -11,7 +11,7 @@ from typing import Any
 import helpers
 import numpy as np
 import pytest
-from helpers import Watched, pixel_shares, script
+from helpers import Watched, image_tile, pixel_shares, script
 
 import dmis
 from dmis.brdf.ashikhmin_shirley import BlendBase
@@ -22,8 +22,9 @@ from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.estimator import path, trace
 from dmis.estimator.cost import UNTRACED
-from dmis.estimator.settings import Settings, resolve_auto
+from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
+from dmis.fit.rule import filled_settings
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.intersect import Hits
@@ -31,7 +32,7 @@ from dmis.light.area import QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Part
 from dmis.scene.scene import Scene
@@ -241,14 +242,8 @@ def everything(scene: Scene) -> Scene:
 def test_pixels_that_see_nothing_are_not_traced(settings: dict[str, Any]) -> None:
     """Only rays that miss are left out, most of them, and the image has the same bits."""
     scene = ball_scene()
-    tile = Tile(
-        3,
-        0,
-        0,
-        (0, 30),
-        (0, 40),
-        Round(8, pixel_shares(np.linspace(0.2, 0.8, 1200)), Settings(integrator="direct", **settings)),
-    )
+    round_ = Round(8, pixel_shares(np.linspace(0.2, 0.8, 1200)), Settings(integrator="direct", **settings))
+    tile = image_tile(scene, 3, round_)
     results, watched = [], []
     for one in (scene, everything(scene)):
         watched.append(Watched(one.intersector))
@@ -307,9 +302,8 @@ def test_nothing_is_provable_under_a_sky() -> None:
     black = replace(scene, lights=())
     assert black.covered_pixels is not None and not black.covered_pixels.any()
     watched = Watched(black.intersector)
-    image = render_tile(
-        black, Tile(1, 0, 0, (0, 30), (0, 40), Round(4, pixel_shares(0.5), Settings(integrator="direct"))), watched
-    )
+    round_ = Round(4, pixel_shares(0.5), Settings(integrator="direct"))
+    image = render_tile(black, image_tile(black, 1, round_), watched)
     assert watched.rays == 0 and not image.mean.any()
 
 
@@ -364,12 +358,12 @@ def test_default_integrator() -> None:
         (("path", None), ("auto", "auto"), ("path", 5)),
     ],
 )
-def test_resolve_auto(named: Any, given: Any, resolved: Any) -> None:
+def test_filled_settings(named: Any, given: Any, resolved: Any) -> None:
     """The settings decide, else the scene, else the defaults."""
     scene = replace(box_scene(), suggested=Suggestions(*named))
-    settings = resolve_auto(Settings(integrator=given[0], max_depth=given[1]), scene)
+    settings = filled_settings(Settings(integrator=given[0], max_depth=given[1]), scene)
     assert (settings.integrator, settings.max_depth) == resolved
-    assert resolve_auto(settings, scene) is settings and settings.sampler == "sobol"
+    assert filled_settings(settings, scene) == settings and settings.sampler == "sobol"
 
 
 def test_bad_requests() -> None:

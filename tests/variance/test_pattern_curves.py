@@ -1,17 +1,18 @@
 """Curves at the shares of patterns: kept apart by colour, and the same in sum."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import pixel_shares
+from helpers import image_tile, pixel_shares
 
 import dmis
 from dmis.estimator.patterns import SHARES
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.tile import render_tile
 from dmis.variance.curves import Curves, share_variance
 from dmis.variance.pattern_curves import PatternCurves
 
@@ -29,9 +30,10 @@ def plain(pixels: int, shading_samples: int) -> Curves:
 
 def test_colours_add_up_to_the_curves(box: dmis.Scene) -> None:
     """In patches that the tile cuts, too."""
+    scene = box.crop((0, 22), (0, 30))
     settings = Settings(shading_samples=4, integrator="direct", sampler="sobol")
     by_colour, whole, rounded = (
-        render_tile(box, Tile(1, 0, 0, (0, 22), (0, 30), Round(8, pixel_shares(0.5), settings, statistic))).sums
+        render_tile(scene, image_tile(scene, 1, Round(8, pixel_shares(0.5), settings, statistic))).sums
         for statistic in (PatternCurves, Whole, plain)
     )
     for name, a in by_colour.items():
@@ -46,15 +48,15 @@ def test_colours_add_up_to_the_curves(box: dmis.Scene) -> None:
 def test_sums_of_a_colour_come_from_its_pixels(box: dmis.Scene, colour: int) -> None:
     """Whose rows and columns are even or odd in the image."""
     settings = Settings(shading_samples=4, integrator="direct", sampler="sobol")
-    tile = Tile(1, 0, 0, (0, 24), (0, 32), Round(4, pixel_shares(0.5), settings, PatternCurves))
-    sums = render_tile(box, tile).sums
+    round_ = Round(4, pixel_shares(0.5), settings, PatternCurves)
+    sums = render_tile(box, image_tile(box, 1, round_)).sums
     statistic: list[PatternCurves] = []
 
     def kept(pixels: int, shading_samples: int) -> Whole:
         statistic.append(Whole(pixels, shading_samples))
         return statistic[0]
 
-    render_tile(box, Tile(1, 0, 0, (0, 24), (0, 32), Round(4, pixel_shares(0.5), settings, kept)))
+    render_tile(box, image_tile(box, 1, replace(round_, statistic=kept)))
     image = statistic[0].sums()["curve"].reshape(len(SHARES), 6, 4, 8, 4)
     of_colour = image[:, :, colour // 2 :: 2, :, colour % 2 :: 2].sum(axis=(2, 4))
     np.testing.assert_allclose(sums["curve"][colour], of_colour, rtol=1e-9)

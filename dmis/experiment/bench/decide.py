@@ -48,6 +48,7 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
         rule = Given(*maps)
     rule = make_rule(rule)  # type: ignore[arg-type]  # refuses a class
     settings = merge_settings(rule, text, SETTINGS)
+    rule = rule.filled(settings)
     if settings.techniques != ("light", "brdf") or settings.allocation != "systematic" or rule.multi_technique:
         raise ValueError(
             f"a rule is scored on fixed shares of light and BRDF sampling; {text} has {settings.allocation} ones of "

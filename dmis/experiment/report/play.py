@@ -51,7 +51,7 @@ def play_page(scene: Scene, spp: int, patch: int, settings: Settings, **options:
     image = make_reference(scene, 128, **options).mean
     cost, factor = measure_patches(scene, patch, **options)
     # the pilot alone decides the map: 6 samples, and one of the final pass
-    thesis = render(scene, Thesis(weigh="samples", combiner=settings.combiner), 7, **options).weight
+    thesis = render(scene, Thesis(weigh="samples"), 7, **options).weight
     absolute = Oracle(oracle.variance, cost, patch, spp, thesis.shape)
     measures = {"relative": replace(absolute, variance=oracle.variance * factor), "absolute": absolute}
     return page_of(measures, image, thesis, scene.name, spp)
