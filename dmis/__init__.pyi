@@ -25,6 +25,7 @@ from dmis.brdf.models import ward as ward
 from dmis.brdf.relief import BumpMap as BumpMap
 from dmis.brdf.relief import NormalMap as NormalMap
 from dmis.brdf.texture import Image as Image
+from dmis.estimator.mis import register_heuristic as register_heuristic
 from dmis.estimator.settings import Settings as Settings
 from dmis.estimator.technique import Technique as Technique
 from dmis.estimator.technique import register_technique as register_technique

@@ -25,6 +25,7 @@ import numpy as np
 import scipy.stats
 
 from dmis.base.vectors import Array
+from dmis.estimator.mis import COMBINERS
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import TECHNIQUES
 from dmis.experiment.runs import Run
@@ -46,8 +47,8 @@ Z_LIMIT = float(scipy.stats.norm.isf(LEVEL / 2))
 
 @contextmanager
 def registries_kept() -> Iterator[None]:
-    """Take back the rules, techniques and samplers that are registered within."""
-    tables = [(table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)]
+    """Take back the rules, techniques, samplers and heuristics that are registered within."""
+    tables = [(table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS, COMBINERS)]
     try:
         yield
     finally:

@@ -12,6 +12,7 @@ import sys
 import sysconfig
 import traceback
 from pathlib import Path
+from typing import Any
 
 _LOADED: list[Path] = []
 """Files of the plugins that were loaded."""
@@ -51,6 +52,11 @@ def load_plugin(file: str | os.PathLike[str]) -> None:
         sys.path.remove(folder)
         raise ValueError(f"plugin {file} must have another name, because {name} is a Python module already: {module}")
     _LOADED.append(path)
+
+
+def origin(value: Any) -> str:
+    """Return the module and the name of a class or function, which stay when a notebook cell defines it anew."""
+    return f"{value.__module__}.{getattr(value, '__qualname__', repr(value))}"
 
 
 def raised(error: BaseException) -> str:

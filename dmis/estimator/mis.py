@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
+from functools import reduce
 from typing import Protocol
 
 import numpy as np
 
+from dmis.base.plugins import origin
 from dmis.base.validate import number, positive
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.optimal_mis import Optimal
@@ -166,12 +167,56 @@ class OptimalMIS(Combiner):
 
 
 COMBINERS = {c.name: c for c in (Combiner("balance"), Combiner("maximum", maximum), Frozen(), OptimalMIS())}
-"""Combiners without a parameter, by name."""
+"""Combiners without a parameter, by name; `register_heuristic` adds to it."""
 FAMILIES: dict[str, tuple[Callable[[float], Heuristic], float]] = {"power": (power, 2.0), "cutoff": (cutoff, 0.1)}
 """Heuristics of a parameter, by name, and its default."""
+SHIPPED = frozenset({*COMBINERS, *FAMILIES})
+"""Names of the combiners that every process knows."""
 
 
-@cache
+def register_heuristic(name: str, heuristic: Heuristic) -> None:
+    """Make a heuristic of one's own known by its name, as in ``combiner=NAME`` of settings and rules.
+
+    Parameters
+    ----------
+    name
+        A word of letters, digits and ``_``. The heuristic of a name may be defined anew, as a notebook cell that runs
+        twice does.
+    heuristic
+        ``(a, k) -> W / a[k]``: from the effective densities ``a_j = w_j p_j``, K arrays ``(N,)``, the weight W of a
+        sample of technique k over its own effective density, ``(N,)``. It is tried at some densities of two and of
+        three techniques.
+
+    Raises
+    ------
+    ValueError
+        If the name is not right or taken, or the weights of all techniques are not finite, ``(N,)`` and of sum 1: an
+        estimate with other weights has another mean.
+    """
+    if not isinstance(name, str) or not name.isidentifier():
+        raise ValueError(f"a heuristic's name must be a word of letters, digits and _; got {name!r}")
+    known = COMBINERS.get(name)
+    if name in SHIPPED or (known and origin(known.heuristic) != origin(heuristic)):
+        raise ValueError(f"there is a combiner {name!r} already; combiners are {', '.join((*COMBINERS, *FAMILIES))}")
+    rng = np.random.default_rng(1)
+    for techniques in (2, 3):
+        a = list(rng.exponential(size=(techniques, 1000)).astype(np.float32) ** 4)
+        a[0][:10] = 0  # a technique that does not reach the direction
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            over = [np.asarray(heuristic(a, k)) for k in range(techniques)]
+            if any(values.shape != (1000,) for values in over):
+                raise ValueError(f"heuristic {name} must return W / a[k] of shape (N,); got {[v.shape for v in over]}")
+            total = sum(density * values for density, values in zip(a, over, strict=True))
+        wrong = ~(np.abs(total - 1) < 1e-3)  # of a NaN, too
+        if wrong.any():
+            raise ValueError(
+                f"weights W of heuristic {name} must add up to 1 over the techniques; got {total[wrong][0]:.4g} for "
+                f"the effective densities {', '.join(f'{density[wrong][0]:.4g}' for density in a)}. It must return "
+                f"W / a[k], not W"
+            )
+    COMBINERS[name] = Combiner(name, heuristic)
+
+
 def combiner_by_name(name: str) -> Combiner:
     """Return a combiner of `COMBINERS`, or of `FAMILIES`: ``power`` (exponent 2), ``power-3``, ``cutoff-0.5``.
 
@@ -184,7 +229,6 @@ def combiner_by_name(name: str) -> Combiner:
         heuristic, default = FAMILIES[kind]
         parameter = float(text) if dash else default
     except (KeyError, ValueError):
-        raise ValueError(
-            f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or optimal; got {name!r}"
-        ) from None
+        allowed = ("power[-EXPONENT]", "cutoff[-THRESHOLD]", *COMBINERS)
+        raise ValueError(f"combiner must be {', '.join(allowed[:-1])} or {allowed[-1]}; got {name!r}") from None
     return Combiner(name, heuristic(parameter))

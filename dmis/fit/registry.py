@@ -10,7 +10,7 @@ from functools import partial
 from inspect import signature
 from typing import Any, Literal, get_args, get_origin
 
-from dmis.base.plugins import loaded_plugins
+from dmis.base.plugins import loaded_plugins, origin
 from dmis.base.validate import did_you_mean, number, whole
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import TECHNIQUES
@@ -74,8 +74,8 @@ def register_rule(name: str, cls: Callable[..., Rule]) -> None:
         raise ValueError(f"name of a rule must not be {name}, because {_RESERVED[name]}. Choose another name")
     if not callable(cls):
         raise ValueError(f"rule {name} must be a class, or a function that returns a rule; got {cls!r}")
-    if name in SHIPPED or (name in RULES and _origin(RULES[name]) != _origin(cls)):
-        owner = "dmis" if name in SHIPPED else _origin(RULES[name])
+    if name in SHIPPED or (name in RULES and origin(RULES[name]) != origin(cls)):
+        owner = "dmis" if name in SHIPPED else origin(RULES[name])
         raise ValueError(f"name of a rule must be new; {name!r} is taken by {owner}. Choose another name")
     try:
         rule = cls()
@@ -85,11 +85,6 @@ def register_rule(name: str, cls: Callable[..., Rule]) -> None:
         ) from error
     make_rule(rule)
     RULES[name] = cls
-
-
-def _origin(cls: Callable[..., Rule]) -> str:
-    """Return the module and the name of a class or function."""
-    return f"{cls.__module__}.{getattr(cls, '__qualname__', repr(cls))}"
 
 
 def make_rule(rule: Rule | str) -> Rule:

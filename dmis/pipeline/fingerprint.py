@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.estimator.mis import COMBINERS, SHIPPED
 from dmis.estimator.technique import technique_by_name
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
@@ -90,13 +91,15 @@ def digest(value: Any, name: str = "value") -> str:
 
 
 def sampling_hashes(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return hashes of the sampler, if there is one, and the techniques that fields of `Settings` name.
+    """Return hashes of the sampler, if there is one, and of techniques and heuristic that fields of `Settings` name.
 
     A ValueError if one that is not shipped has no fingerprint, see `digest`.
     """
     named: dict[str, Any] = {f"technique {name}": technique_by_name(name) for name in settings["techniques"]}
     if (sampler := settings.get("sampler", "auto")) != "auto":
         named[f"sampler {sampler}"] = SAMPLERS[sampler]
+    if (combiner := settings.get("combiner")) in COMBINERS.keys() - SHIPPED:
+        named[f"combiner {combiner}"] = COMBINERS[combiner]
     return {name: digest(value, name) for name, value in named.items()}
 
 

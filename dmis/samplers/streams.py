@@ -20,6 +20,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from dmis.base.plugins import origin
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
 from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PixelBlock
@@ -206,6 +207,8 @@ SAMPLERS: dict[str, SamplerFactory] = {
     "lowdiscrepancy": LowDiscrepancy,
 }
 """By name; `register_sampler` adds to it."""
+SHIPPED = frozenset(SAMPLERS)
+"""Names of the samplers that every process knows."""
 
 
 def register_sampler(name: str, factory: SamplerFactory) -> None:
@@ -214,7 +217,8 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     Parameters
     ----------
     factory
-        ``(block) -> Sampler``, such as a class; `block` is a `dmis.samplers.pixel_block.PixelBlock`.
+        ``(block) -> Sampler``, such as a class; `block` is a `dmis.samplers.pixel_block.PixelBlock`. The class of a
+        name may be defined anew, as a notebook cell that runs twice does.
 
     A ValueError if the name is not a word, or is ``auto`` or that of another sampler, or `factory` cannot be called.
     """
@@ -224,7 +228,7 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
         raise ValueError("a sampler cannot be named auto, which stands for the default one; give another name")
     if not callable(factory):
         raise ValueError(f"sampler {name} must be a class or function that makes it for a tile; got {factory!r}")
-    if SAMPLERS.get(name, factory) is not factory:
+    if name in SHIPPED or origin(SAMPLERS.get(name, factory)) != origin(factory):
         raise ValueError(f"there is a sampler {name!r} already; samplers are {', '.join(SAMPLERS)}")
     SAMPLERS[name] = factory
 
