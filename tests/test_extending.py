@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 import re
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from helpers import Z_LIMIT, registries_kept, results_z, z_score
 import dmis
 from dmis.base import plugins
 from dmis.cli.commands import main
+from dmis.estimator import mis
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.round import Round
 from dmis.formats.load_scene import light_part
@@ -28,9 +31,20 @@ PAGE = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8
 
 def block(heading: str) -> str:
     """Return the first Python block below ``## heading``."""
-    found = re.search(rf"^## {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
+    found = re.search(rf"^##+ {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
     assert found
     return found[1]
+
+
+def plugin(folder: Path, name: str, *headings: str) -> Path:
+    """Write the first blocks below the headings into a plug-in and load it; each has at most 25 lines of code."""
+    blocks = [block(heading) for heading in headings]
+    for code in blocks:
+        assert sum(bool(line.strip()) and not line.startswith(("import", "from")) for line in code.splitlines()) <= 25
+    path = folder / f"{name}.py"
+    path.write_text("\n".join(blocks), "utf-8")
+    plugins.load_plugin(path)
+    return path
 
 
 def defined(heading: str) -> dict[str, Any]:
@@ -71,7 +85,7 @@ def test_technique_on_the_command_line(tmp_path: Path) -> None:
     [
         ({"name": "light"}, "there is a technique 'light' already; techniques are light, brdf"),
         ({"name": "light+brdf"}, "name must be a word of letters, digits and _; got 'light.brdf'"),
-        ({"rays": "shadow"}, "technique mine: rays must be a kind of its own, such as 'mine'; got 'shadow'"),
+        ({"rays": "shadow"}, "technique mine: rays must be a word under which .* such as 'mine'; .*; got 'shadow'"),
         ({"rays": "camera"}, "got 'camera'"),
         ({"numbers": 5}, "numbers of technique mine must be a whole number from 2 to 4; got 5"),
     ],
@@ -82,6 +96,78 @@ def test_techniques_that_are_refused(changes: dict[str, object], message: str) -
     with pytest.raises(ValueError, match=message):
         dmis.register_technique(dmis.Technique(**given))  # type: ignore[arg-type]
     assert "mine" not in TECHNIQUES
+
+
+def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
+    """A third technique that a pilot taught, and a heuristic: balance's mean, equal in threads and processes."""
+    plugin(tmp_path, "my_guide", "A technique that a pilot taught", "A heuristic")
+    for name, integrator in (("cornell", "path"), ("tt", "direct")):
+        scene = dmis.load_scene(name, resolution=(40, 32))
+        render = partial(dmis.render, scene, spp=64, integrator=integrator)
+        balance = render("balance", seed=1)
+        for seed, rule in enumerate(("guided", "fixed:0.3,combiner=gentle", "second-moment:combiner=gentle"), 2):
+            result = render(rule, seed=seed)
+            assert abs(results_z(result, balance)) < Z_LIMIT, rule
+            processes = render(rule, seed=seed, parallel=dmis.Processes(2))
+            np.testing.assert_array_equal(processes.image, result.image)
+            assert (result.rays.get("table", 0) > 0) == (rule == "guided")
+
+
+@pytest.mark.parametrize(
+    ("heuristic", "message"),
+    [
+        (lambda a, k: a[k] / sum(a), "must add up to 1 over the techniques; got .* It must return W / a.k., not W"),
+        (lambda a, k: 1 / a[k], "must add up to 1"),
+        (lambda a, k: np.float32(1), r"must return W / a\[k\] of shape \(N,\); got \[\(\), \(\)\]"),
+    ],
+)
+def test_heuristics_that_are_refused(heuristic: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dmis.register_heuristic("mine", heuristic)
+    with pytest.raises(ValueError, match=r"combiner must be balance, .*, power.* or cutoff.*; got 'mine'"):
+        dmis.Settings(combiner="mine")
+
+
+def test_names_of_heuristics() -> None:
+    """A name that is taken is refused; the heuristic of a name is defined anew, and not remembered."""
+    for name, message in (("power", "there is a combiner 'power' already"), ("a b", "must be a word of letters")):
+        with pytest.raises(ValueError, match=message):
+            dmis.register_heuristic(name, mis.balance)
+    for beta in (1.0, 3.0):
+        names: dict[str, Any] = {"__name__": "cell", "power": mis.power(beta)}
+        exec("def mine(a, k):\n    return power(a, k)", names)
+        dmis.register_heuristic("mine", names["mine"])
+        weight = mis.combiner_by_name("mine").weight([[0.5], [0.5]], np.float32([[3], [1]]), 0)
+        np.testing.assert_allclose(weight * 1.5, 3**beta / (3**beta + 1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("techniques", "changes", "message"),
+    [
+        (("light", "light"), {}, "techniques of a round must be two or more different ones; got light, light"),
+        (("light", "glow"), {}, "technique must be one of light, brdf"),
+        (("light", "uniform"), {"compensation": 0.5}, "must have brdf, which samples what compensation 0.5 leaves out"),
+        (("light", "brdf", "uniform"), {"combiner": "frozen"}, "combiner frozen needs two techniques; got 3"),
+        (
+            ("light", replace(TECHNIQUES["brdf"], name="mine", rays="guide")),
+            {},
+            "such as 'mine'; not one of",
+        ),
+        (("light", replace(TECHNIQUES["brdf"], name="guide", rays="guide")), {}, "such as 'guide_rays'; not one of"),
+    ],
+)
+def test_techniques_of_a_round_that_are_refused(techniques: Any, changes: dict[str, Any], message: str) -> None:
+    shares = np.full(len(techniques), 1 / len(techniques))
+    with pytest.raises(ValueError, match=message):
+        Round(4, shares, dmis.Settings(**changes), techniques=techniques)
+
+
+def test_pickled_techniques() -> None:
+    """A shipped technique is pickled as its name, another one with what its functions hold."""
+    assert pickle.loads(pickle.dumps(TECHNIQUES["light"])) is TECHNIQUES["light"]
+    own = dmis.Technique("own", "own", partial(np.add, np.arange(3)), np.multiply)
+    sample = pickle.loads(pickle.dumps(own)).sample
+    np.testing.assert_array_equal(sample.args[0], np.arange(3))
 
 
 def test_sampler() -> None:

@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_650, "tests": 28_150}
+LINES = {"dmis": 27_800, "tests": 28_300}
 """Lines of Python files."""
-WORDS = 43_500
+WORDS = 43_800
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""
@@ -24,7 +24,7 @@ LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 2040), "auto": (47, 2600)}
+RENDERS = {"thesis": (37, 2100), "auto": (48, 2700)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 
 

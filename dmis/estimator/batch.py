@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from dmis.estimator.allocation import CameraSamples
 from dmis.estimator.mis import Combiner
-from dmis.estimator.records import Record
+from dmis.estimator.records import Records
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import Technique
 from dmis.intersect import CountingCaster
@@ -41,4 +41,4 @@ class Batch:
     combiner: Combiner
     samples: CameraSamples
     numbers: Numbers
-    records: list[Record] | None = None
+    records: Records | None = None

@@ -12,7 +12,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import EQUAL, FIRST, SAMPLES_OF, SHARE_OF, SHARES
-from dmis.estimator.technique import technique_by_name
+from dmis.estimator.technique import Technique, technique_by_name
 from dmis.intersect import ray_kind_of_colour
 
 CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
@@ -47,7 +47,7 @@ def camera_sample_cost(
     shares: Array,
     pilot_samples: int = 4,
     shading_samples: Array | float = 2,
-    techniques: Sequence[str] = ("light", "brdf"),
+    techniques: Sequence[Technique | str] = ("light", "brdf"),
     lights: int = 1,
 ) -> Array:
     """Return the cost of a camera sample at `shares` of K techniques, ``(G,)``, from the rays of a pilot at equal ones.
@@ -78,7 +78,7 @@ def camera_sample_cost(
 
 
 def pattern_costs(
-    rays: Mapping[str, int], pilot_samples: int, techniques: Sequence[str], lights: int = 1
+    rays: Mapping[str, int], pilot_samples: int, techniques: Sequence[Technique | str], lights: int = 1
 ) -> tuple[Array, Array]:
     """Return the cost of a camera sample with each pattern over the cost with 1:1, and the part of each light in it.
 

@@ -229,6 +229,6 @@ def combiner_by_name(name: str) -> Combiner:
         heuristic, default = FAMILIES[kind]
         parameter = float(text) if dash else default
     except (KeyError, ValueError):
-        allowed = ("power[-EXPONENT]", "cutoff[-THRESHOLD]", *COMBINERS)
+        allowed = (*COMBINERS, "power[-EXPONENT]", "cutoff[-THRESHOLD]")
         raise ValueError(f"combiner must be {', '.join(allowed[:-1])} or {allowed[-1]}; got {name!r}") from None
     return Combiner(name, heuristic(parameter))

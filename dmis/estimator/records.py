@@ -29,6 +29,9 @@ class Record:
         something is in between.
     pdf
         Densities of all techniques in its direction, ``(K, N)``.
+    wi, p
+        Its direction, of unit length, and the point that it leaves, pushed off its surface, in the units of
+        `dmis.scene.scene.Scene.in_float32`; ``(3, N)`` each. None if no statistic asks for ``directions``.
     """
 
     technique_index: int
@@ -37,12 +40,23 @@ class Record:
     sample: Selection | None
     value: Array
     pdf: Array
+    wi: Array | None = None
+    p: Array | None = None
+
+
+class Records(list[Record]):
+    """The records of one batch; `directions` says whether they have `Record.wi` and `Record.p`."""
+
+    def __init__(self, directions: bool = False) -> None:
+        super().__init__()
+        self.directions = directions
 
 
 class Statistic(Protocol):
     """Sums over the shading samples of a tile; made with its number of pixels and of shading samples.
 
-    `dmis.variance.curves.Curves` is one.
+    `dmis.variance.curves.Curves` is one. Class attributes that are true ask for more (`asks`): ``directions`` for those
+    of the samples, ``by_colour`` for sums and rays of the pixels of each colour (`dmis.base.patches.COLOURS`).
     """
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -52,3 +66,8 @@ class Statistic(Protocol):
     def sums(self) -> Mapping[str, Array]:
         """Return the sums by name, pixels in the last axis; the tile adds them up over patches."""
         ...
+
+
+def asks(statistic: Statistic | None, wish: str) -> bool:
+    """Return whether a statistic, if there is one, has a true class attribute `wish`: it need not have it."""
+    return bool(getattr(statistic, wish, False))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,4 +96,8 @@ def record_samples(
         value *= take(vertices.throughput, vertex)
     camera_sample = compose(vertices.sample, vertex)
     record = Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf)
+    if batch.records.directions:
+        n = pdf.shape[1]
+        wi, p = (np.broadcast_to(take(a, lit), (3, n)) for a in (samples.light_sample.wi, samples.surface.p))
+        record = replace(record, wi=wi, p=p)
     batch.records.append(record)

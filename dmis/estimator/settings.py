@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from dmis.base.validate import did_you_mean, one_of, whole
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.presets import PRESETS
-from dmis.estimator.technique import technique_by_name
+from dmis.estimator.technique import Technique, technique_by_name
 from dmis.light.light_sample import check_compensation
 from dmis.light.selection import SELECTIONS
 from dmis.samplers.streams import SAMPLERS
@@ -146,30 +146,16 @@ class Settings:
         for option in fields(self):
             check = _CHECKS.get(option.name) or partial(one_of, allowed=option.metadata["choices"])
             object.__setattr__(self, option.name, check(option.name, getattr(self, option.name)))
-        combiner, names = combiner_by_name(self.combiner), ", ".join(self.techniques)
-        without = [repr(name) for name in self.techniques if not technique_by_name(name).exact]
-        for is_wrong, reason in (
-            (
-                len(self.techniques) > 2 and not combiner.is_heuristic,
-                f"combiner {self.combiner} needs two techniques; got {len(self.techniques)}: {names}",
-            ),
-            (
-                combiner.fits_pixels and without,
-                f"combiner {self.combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use "
-                f"combiner balance or power",
-            ),
-            (
-                combiner.fits_pixels and self.lights in ("one", "pbrt"),
+        check_mixture(self.combiner, tuple(map(technique_by_name, self.techniques)))
+        if combiner_by_name(self.combiner).fits_pixels and self.lights in ("one", "pbrt"):
+            raise ValueError(
                 f"combiner {self.combiner} cannot have lights {self.lights}, because its fit is over all samples of "
-                f"each light. Use lights all or power",
-            ),
-            (
-                self.max_depth is None and self.integrator != "path",
-                "max_depth must be a number with integrator direct or auto, because mirrors may face each other",
-            ),
-        ):
-            if is_wrong:
-                raise ValueError(reason)
+                f"each light. Use lights all or power"
+            )
+        if self.max_depth is None and self.integrator != "path":
+            raise ValueError(
+                "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
+            )
         if self.preset is not None:
             PRESETS[self.preset].check(self)
 
@@ -224,6 +210,20 @@ class Settings:
     def deepest(self) -> float:
         """`max_depth` as a number that depths compare with; infinite for None. It must not be ``auto`` any more."""
         return math.inf if self.max_depth is None else int(self.max_depth)
+
+
+def check_mixture(combiner: str, techniques: Sequence[Technique]) -> None:
+    """Raise a ValueError unless a combiner goes with the techniques: their number, and that their pdfs are known."""
+    checked = combiner_by_name(combiner)
+    if len(techniques) > 2 and not checked.is_heuristic:
+        names = ", ".join(technique.name for technique in techniques)
+        raise ValueError(f"combiner {combiner} needs two techniques; got {len(techniques)}: {names}")
+    without = [repr(technique.name) for technique in techniques if not technique.exact]
+    if checked.fits_pixels and without:
+        raise ValueError(
+            f"combiner {combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use combiner "
+            f"balance or power"
+        )
 
 
 def make_settings(settings: Settings | None = None, **options: Any) -> Settings:

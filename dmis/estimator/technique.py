@@ -9,8 +9,10 @@ Two techniques or more are mixed in `dmis.estimator.direct`; anything that has t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
+from dmis.base.plugins import origin
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
@@ -24,6 +26,10 @@ from dmis.scene.shading_points import ShadingPoints
 @dataclass(frozen=True)
 class Technique:
     """A way to pick directions.
+
+    It is a value: `sample` and `pdf` may be methods of an object that holds what a pilot taught, such as a table of
+    directions, and a round takes it as it is (`dmis.fit.round.Round.techniques`). With worker processes it is pickled,
+    so they must be of a module that these import, such as a plug-in.
 
     Attributes
     ----------
@@ -48,6 +54,12 @@ class Technique:
     numbers: int = 2
     exact: bool = True
 
+    def __reduce__(self) -> Any:
+        """Return what is pickled: the name of a registered technique; of others, the functions and what they hold."""
+        if TECHNIQUES.get(self.name) is self:
+            return technique_by_name, (self.name,)
+        return Technique, tuple(getattr(self, field.name) for field in fields(self))
+
 
 LIGHT = Technique(
     "light",
@@ -70,6 +82,8 @@ UNIFORM = Technique(
 RESAMPLED = Technique("resampled", "resampled", resampled, LIGHT.pdf, numbers=3, exact=False)
 TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)}
 """Techniques by name. `UNIFORM`, of equal density over the hemisphere, is for teaching."""
+SHIPPED = frozenset(TECHNIQUES)
+"""Names of the techniques that every process knows."""
 _OTHER_RAYS = frozenset({"camera", "delta", "specular", "guide"})
 """Kinds of rays that are not of a technique, see `dmis.pipeline.result.Result.rays`."""
 
@@ -77,29 +91,42 @@ _OTHER_RAYS = frozenset({"camera", "delta", "specular", "guide"})
 def register_technique(technique: Technique) -> None:
     """Add a technique by its name, as in the rule ``simplex:light=0.5,NAME=0.5``.
 
-    Raises
-    ------
-    ValueError
-        If its name is not a word, or is that of another technique; if its kind of rays is that of other rays, or it
-        needs less than 2 or more than 4 uniform numbers.
+    One of a name may be defined anew, as a notebook cell that runs twice does. A ValueError if it is not right, see
+    `check_technique_form`.
+    """
+    check_technique_form(technique)
+    TECHNIQUES[technique.name] = technique
+
+
+def check_technique_form(technique: Technique) -> None:
+    """Raise a ValueError if a technique cannot be one beside those that are registered.
+
+    Its name must be a word, and not that of another technique; its kind of rays must not be that of other rays, and it
+    needs 2 to 4 uniform numbers.
     """
     name, rays = technique.name, technique.rays
     if not name.isidentifier():
         raise ValueError(f"a technique's name must be a word of letters, digits and _; got {name!r}")
-    if TECHNIQUES.get(name, technique) != technique:
+    known = TECHNIQUES.get(name, technique)
+    if known != technique and (name in SHIPPED or origin(known.sample) != origin(technique.sample)):
         raise ValueError(f"there is a technique {name!r} already; techniques are {', '.join(TECHNIQUES)}")
-    others = {other.rays for other in TECHNIQUES.values() if other.name != name}
-    if rays in others | _OTHER_RAYS or rays.startswith("bounce"):
-        raise ValueError(f"technique {name}: rays must be a kind of its own, such as {name!r}; got {rays!r}")
+    taken = sorted(_OTHER_RAYS | {other.rays for other in TECHNIQUES.values() if other.name != name})
+    if rays in taken or rays.startswith("bounce"):
+        example = f"{name}_rays" if name in taken else name
+        raise ValueError(
+            f"technique {name}: rays must be a word under which its rays alone are counted, such as {example!r}; not "
+            f"one of {', '.join(taken)}, nor one that begins with bounce; got {rays!r}"
+        )
     whole(f"numbers of technique {name}", technique.numbers, 2, 4)
-    TECHNIQUES[name] = technique
 
 
-def technique_by_name(name: str) -> Technique:
-    """Return the technique called `name`.
+def technique_by_name(name: Technique | str) -> Technique:
+    """Return the technique called `name`; a technique is returned as it is.
 
     A ValueError if there is none of that name.
     """
+    if isinstance(name, Technique):
+        return name
     try:
         return TECHNIQUES[name]
     except KeyError:

@@ -17,8 +17,8 @@ from dmis.estimator.allocation import shares_of
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic
-from dmis.estimator.settings import Settings
-from dmis.estimator.technique import Technique, technique_by_name
+from dmis.estimator.settings import Settings, check_mixture
+from dmis.estimator.technique import BRDF, LIGHT, Technique, check_technique_form, technique_by_name
 from dmis.fit.sample_numbers import whole_samples
 from dmis.samplers.streams import stream
 from dmis.scene.plan import Plan
@@ -65,6 +65,9 @@ class Round:
         Whether the film brings feature buffers, see `dmis.scene.feature_buffers`.
     maps
         Diagnostics of the rule, for `dmis.pipeline.result.Result.maps`.
+    techniques
+        Techniques that share the samples in the place of those that the settings name: two or more, by name or as
+        `Technique` objects, which may hold what an earlier round taught; empty: those of the settings.
 
     A ValueError if shares or tilt are not shares of the techniques, or a number of samples is not whole, or negative.
     """
@@ -81,9 +84,11 @@ class Round:
     stage: str = "pilot"
     needs_features: bool = False
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
+    techniques: tuple[Technique | str, ...] = ()
 
     def __post_init__(self) -> None:
-        techniques = len(self.settings.techniques)
+        self._check_techniques()
+        techniques = len(self.mixture)
         object.__setattr__(self, "shares", np.asarray(self.shares))
         _check_shares("shares of a round", self.shares, techniques)
         if self.tilt is not None:
@@ -127,10 +132,26 @@ class Round:
                 f"samples; got {np.min(self.spp)}"
             )
 
+    def _check_techniques(self) -> None:
+        """Raise a ValueError unless `techniques` can share the samples in the place of those of the settings."""
+        if not self.techniques:
+            return
+        names = [technique.name for technique in self.mixture]
+        if len(set(names)) < max(len(names), 2):
+            raise ValueError(f"techniques of a round must be two or more different ones; got {', '.join(names)}")
+        for technique in self.mixture:
+            check_technique_form(technique)
+        check_mixture(self.settings.combiner, self.mixture)
+        if self.settings.sky_compensation and "brdf" not in names:
+            raise ValueError(
+                f"techniques of a round must have brdf, which samples what compensation {self.settings.compensation} "
+                f"leaves out of a sky; got {', '.join(names)}. Or give the settings compensation=0"
+            )
+
     @property
     def mixture(self) -> tuple[Technique, ...]:
-        """The techniques that share the samples."""
-        return tuple(map(technique_by_name, self.settings.techniques))
+        """The techniques that share the samples: `techniques`, or those that the settings name."""
+        return tuple(map(technique_by_name, self.techniques or self.settings.techniques))
 
     @property
     def halvings(self) -> np.ndarray | None:
@@ -194,7 +215,7 @@ class Pilot:
     features
         Feature buffers of these patches, if the rule has `needs_features`, see `dmis.scene.feature_buffers`.
     techniques
-        Names of the techniques that took the samples.
+        The techniques that took the samples.
     budget
         Camera samples per pixel of the whole render, the pilot's included.
     """
@@ -204,12 +225,14 @@ class Pilot:
     sums: Mapping[str, Array] = field(default_factory=dict)
     shading_samples: int = 4
     features: Mapping[str, Array] = field(default_factory=dict)
-    techniques: tuple[str, ...] = ("light", "brdf")
+    techniques: tuple[Technique, ...] = (LIGHT, BRDF)
     budget: int = 128
 
     def __repr__(self) -> str:
         height, width = self.moments.mean.shape[:2]
-        spp, techniques, sums = np.mean(self.moments.n), " + ".join(self.techniques), ", ".join(self.sums) or "none"
+        spp = np.mean(self.moments.n)
+        techniques = " + ".join(technique.name for technique in self.techniques)
+        sums = ", ".join(self.sums) or "none"
         return f"Pilot({width}x{height}, {spp:.3g} spp, {techniques}, sums: {sums})"
 
 
@@ -288,13 +311,15 @@ class Budget:
         )
         return self._tilted(round_)
 
-    def final(self, fit: Fit, spent: int = 0) -> Round:
+    def final(self, fit: Fit, spent: int = 0, techniques: tuple[Technique | str, ...] = ()) -> Round:
         """Return the final pass of a fit, in whole numbers of samples, behind `spent` camera samples of pilots.
+
+        Its shares are of `techniques`, or of those of the settings, see `Round`.
 
         Its weight in the image is what the budget has left, whatever its numbers of samples are: these depend on the
         pilot, and would bias the mean. A ValueError if the fit is not right, see `check_fit`, or no sample is left.
         """
-        check_fit(fit, self.shape, len(self.settings.techniques))
+        check_fit(fit, self.shape, len(techniques or self.settings.techniques))
         if not 0 <= spent < self.spp:
             raise ValueError(f"spent must be from 0 to {self.spp - 1}, so that a final pass is left; got {spent}")
         shares, spp = fit.shares, self.spp - spent
@@ -304,7 +329,16 @@ class Budget:
         samples: Array | int = spp
         if fit.samples is not None:
             samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))
-        return self._tilted(Round(samples, shares, self.settings, image_weight=spp, stage="final", maps=fit.maps))
+        final = Round(
+            samples,
+            shares,
+            self.settings,
+            image_weight=spp,
+            stage="final",
+            maps=fit.maps,
+            techniques=techniques,
+        )
+        return self._tilted(final)
 
     def _tilted(self, round_: Round) -> Round:
         """Return a round with equal shares, and its own as the tilt, if that is what weights are."""

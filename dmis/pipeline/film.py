@@ -15,7 +15,7 @@ from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.records import Record, Statistic
+from dmis.estimator.records import Records, Statistic, asks
 from dmis.fit.round import Round
 from dmis.samplers.streams import is_sequence
 from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks, join
@@ -49,18 +49,20 @@ class Observers:
         samples = round_.spp * np.full(pixels, self._shading_samples)
         self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
         self.colour_of_pixel: np.ndarray | None = None
-        if getattr(self.statistic, "by_colour", False):
+        if asks(self.statistic, "by_colour"):
             colour = np.zeros(shape, np.uint8)  # tiles begin at multiples of two
             for number, at in enumerate(COLOURS):
                 colour[at] = number
             self.colour_of_pixel = colour.reshape(-1)
 
-    def new_records(self) -> list[Record] | None:
-        """Return an empty list for the shading samples of a batch, or None if nobody reads them."""
-        return None if self.statistic is None and self._collector is None else []
+    def new_records(self) -> Records | None:
+        """Return what the shading samples of a batch are written into, or None if nobody reads them."""
+        if self.statistic is None and self._collector is None:
+            return None
+        return Records(asks(self.statistic, "directions"))
 
     def add(
-        self, blocks: Sequence[SampleBlock], samples: CameraSamples, values: Array, records: list[Record] | None
+        self, blocks: Sequence[SampleBlock], samples: CameraSamples, values: Array, records: Records | None
     ) -> None:
         """Add the camera samples of one batch, their radiance ``(3, N)`` and the records of their shading samples.
 
@@ -96,7 +98,7 @@ def patch_sums(statistic: Statistic | None, shape: tuple[int, int]) -> dict[str,
     """Return the sums of a statistic over the patches of an area, by name; by colour in the first axis if it asks."""
     sums = {} if statistic is None else statistic.sums()
     images = {name: a.reshape(*a.shape[:-1], *shape) for name, a in sums.items()}
-    if getattr(statistic, "by_colour", False):
+    if asks(statistic, "by_colour"):
         images = {name: by_colour(image) for name, image in images.items()}
     return {name: patch_sum(image, PATCH) for name, image in images.items()}
 

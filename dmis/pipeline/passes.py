@@ -107,11 +107,18 @@ class Passes:
         rays = without_colours(film.rays)
         self.rays.update(rays)
         self.pilot_rays.update(rays if round_.stage == "pilot" else {})
-        settings, n = round_.settings, round_.spp + (0 if round_.before is None else round_.begin)
-        moments = Film(n if isinstance(n, int) else n[..., None], film.mean, film.root)
-        s, techniques, features = settings.shading_samples, tuple(settings.techniques), self._features(round_)
+        n = round_.spp + (0 if round_.before is None else round_.begin)
+        pilot = Pilot(
+            moments=Film(n if isinstance(n, int) else n[..., None], film.mean, film.root),
+            rays=dict(film.rays),
+            sums=film.sums,
+            shading_samples=round_.settings.shading_samples,
+            features=self._features(round_),
+            techniques=round_.mixture,
+            budget=self._job.spp,
+        )
         self.seconds[round_.stage] += time.perf_counter() - began
-        return Pilot(moments, dict(film.rays), film.sums, s, features, techniques, self._job.spp)
+        return pilot
 
     def _render_missing(self, film: PassFilm, tiles: list[Tile], stage: str) -> None:
         """Render the tiles that are not in the film yet, the largest first, so that none is waited for at the end."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator.records import Record
+from dmis.estimator.records import Record, asks
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
 from dmis.experiment.bench.data import Pilots
@@ -87,7 +87,7 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
     if statistic is not None:
         statistic.add(_records(part, tilt), radiance.reshape(-1, 3).T, n)
     features = pilots.features if round_.needs_features else {}
-    rays = part.rays if getattr(statistic, "by_colour", False) else without_colours(part.rays)
+    rays = part.rays if asks(statistic, "by_colour") else without_colours(part.rays)
     return Pilot(film, rays, patch_sums(statistic, part.shape), s, features, budget=SPP)
 
 
