@@ -95,7 +95,7 @@ def draw_pilots(scene: Scene, settings: Settings, seed: int) -> Pilots:
         w: samples(scene, spp=spp, weight=w, seed=3 * seed + k, settings=replace(settings, shading_samples=s))
         for k, (w, spp, s) in enumerate(PILOTS)
     }
-    return Pilots(tables, render_feature_buffers(scene.in_float32[0])[0])
+    return Pilots(tables, render_feature_buffers(scene)[0])
 
 
 # Converged curves ---------------------------------------------------------------------------------------------------

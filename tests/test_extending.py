@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, registries_kept, results_z, z_score
+from helpers import Z_LIMIT, registries_kept, results_z, shipped, z_score
 
 import dmis
 from dmis.base import plugins
@@ -30,8 +30,8 @@ PAGE = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8
 
 
 def block(heading: str) -> str:
-    """Return the first Python block below ``## heading``."""
-    found = re.search(rf"^##+ {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
+    """Return the first Python block below a heading."""
+    found = re.search(rf"^###? {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
     assert found
     return found[1]
 
@@ -67,6 +67,21 @@ def test_technique() -> None:
         result = dmis.render(scene, f"simplex:{share}", 64, seed=k + 2)
         assert result.rays["cosine"] > 0
         assert abs(results_z(result, balance)) < Z_LIMIT
+
+
+def test_rule_by_normals() -> None:
+    """Means of cornell by paths and of tt agree with balance; threads and processes give the same image."""
+    code = block("A rule that looks at the scene")
+    assert sum(map(bool, code.splitlines())) <= 25
+    exec(code, {"__name__": "page"})
+    for name, integrator in (("cornell", "path"), ("tt", "direct")):
+        scene = shipped(name, (48, 36))
+        balance = dmis.render(scene, "balance", 64, seed=1, integrator=integrator)
+        result = dmis.render(scene, "by-normal", 64, seed=2, integrator=integrator)
+        assert len(np.unique(result.weight)) > 1 and result.rays["guide"] == 3 * 48 * 36
+        assert abs(results_z(result, balance)) < Z_LIMIT
+    other = dmis.render(scene, "by-normal", 64, seed=2, integrator=integrator, parallel=dmis.Processes(2))
+    np.testing.assert_array_equal(other.image, result.image)
 
 
 @pytest.mark.usefixtures("drawn")

@@ -62,7 +62,7 @@ class Round:
     stage
         Stage that `dmis.pipeline.progress.Progress` shows: ``pilot``, ``final``, or a name of the rule's own.
     needs_features
-        Whether the film brings feature buffers, see `dmis.scene.feature_buffers`.
+        Whether the film brings feature buffers, see `dmis.scene.feature_buffers`: True, of patches; or ``"pixels"``.
     maps
         Diagnostics of the rule, for `dmis.pipeline.result.Result.maps`.
     techniques
@@ -82,13 +82,14 @@ class Round:
     before: Film | None = None
     image_weight: int = 0
     stage: str = "pilot"
-    needs_features: bool = False
+    needs_features: bool | str = False
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     techniques: tuple[Technique | str, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_techniques()
         techniques = len(self.mixture)
+        one_of("needs_features of a round", self.needs_features, (False, True, "pixels"))
         object.__setattr__(self, "shares", np.asarray(self.shares))
         _check_shares("shares of a round", self.shares, techniques)
         if self.tilt is not None:
@@ -213,7 +214,7 @@ class Pilot:
     shading_samples
         Shading samples of each camera sample.
     features
-        Feature buffers of these patches, if the rule has `needs_features`, see `dmis.scene.feature_buffers`.
+        Feature buffers of these patches ``(C, rows, columns)``, or of pixels ``(C, H, W)``, as `Round.needs_features`.
     techniques
         The techniques that took the samples.
     budget
@@ -294,7 +295,7 @@ class Budget:
         weight: Weight,
         spp: int,
         statistic: Callable[[int, int], Statistic] | None = None,
-        needs_features: bool = False,
+        needs_features: bool | str = False,
     ) -> Round:
         """Return a pilot round of `spp` camera samples at one weight.
 

@@ -38,7 +38,8 @@ class Rule:
         Makes the `dmis.estimator.records.Statistic` that the pilot gathers, such as `dmis.variance.curves.Curves`;
         with it, pilot samples come in pairs. Default: None, the moments of pixels alone.
     needs_features
-        Whether the pilot brings feature buffers, see `dmis.scene.feature_buffers`. Default: False.
+        Whether the pilot brings feature buffers, see `dmis.scene.feature_buffers`: True, of patches; or ``"pixels"``.
+        Default: False.
     multi_technique
         Whether the rule divides samples between any number of techniques, as `dmis.fit.simplex.Simplex` does; then
         the statistic does without their densities. Default: False, two techniques.
@@ -61,7 +62,7 @@ class Rule:
         @property
         def statistic(self) -> Callable[..., Statistic] | None: ...
         @property
-        def needs_features(self) -> bool: ...
+        def needs_features(self) -> bool | str: ...
         @property
         def multi_technique(self) -> bool: ...
         @property

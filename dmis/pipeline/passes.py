@@ -19,7 +19,7 @@ from dmis.pipeline.film import PassFilm, without_colours
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles, render_tile
-from dmis.scene.feature_buffers import render_feature_buffers
+from dmis.scene.feature_buffers import render_feature_buffers, render_pixel_features
 from dmis.variance.moments import Film
 
 _CHECKPOINT_BYTES = 24  # of a pixel in a pass, statistics not counted
@@ -139,10 +139,11 @@ class Passes:
                     self._progress(stage, finished, total)
 
     def _features(self, round_: Round) -> Mapping[str, Array]:
-        """Return the feature buffers of the scene, if the round needs them."""
+        """Return the feature buffers of the patches or pixels of the scene, if the round needs them."""
         if not round_.needs_features:
             return {}
-        features, rays = render_feature_buffers(self._job.scene)
+        render = render_pixel_features if round_.needs_features == "pixels" else render_feature_buffers
+        features, rays = render(self._job.given_scene)
         self.rays["guide"] += rays
         self._release()
         return features

@@ -1,9 +1,9 @@
-"""Feature buffers: what camera rays hit in each patch, for filters that should not blur over the edges of objects.
+"""Feature buffers: what camera rays hit first, for filters that should not blur over edges, and for rules.
 
-A few camera rays per patch, at fixed places, give the mean shading normal, the mean albedo and the share of each
-material. They are free of the noise that statistics of shading samples have (`dmis.filter.joint` compares them), as in
-the cross-bilateral filters of images (Eisemann and Durand 2004, Petschnigg et al. 2004; for path tracing Dammertz et
-al. 2010). They do not depend on shadows, on lights, or on reflections in mirrors.
+Rays at fixed places give shading normals, albedos, and materials or depths. These are free of the noise that statistics
+of shading samples have (`dmis.filter.joint` compares them), as in the cross-bilateral filters of images (Eisemann and
+Durand 2004, Petschnigg et al. 2004; for path tracing Dammertz et al. 2010). They do not depend on shadows, on lights,
+or on reflections in mirrors.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from dmis.base.patches import PATCH, patch_mean
 from dmis.base.vectors import Array
+from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP
 from dmis.scene.scene import Scene
 
@@ -38,46 +39,75 @@ def render_feature_buffers(scene: Scene) -> tuple[dict[str, Array], int]:
     rays
         Number of rays.
     """
-    width, height = scene.camera.resolution
-    columns, rows = _centres(width), _centres(height)
-    y, x = (a.reshape(-1) for a in np.meshgrid(rows, columns, indexing="ij"))
-    normal, colour = np.empty((2, 3, len(x)), np.float32)
-    material = np.empty((1, len(x)), np.int32)
-    for k in range(0, len(x), RAYS_PER_BATCH):
-        part = slice(k, k + RAYS_PER_BATCH)
-        normal[:, part], colour[:, part], material[:, part] = _look(scene, x[part], y[part])
-    kinds = (material == number for number in np.unique(material))
+    hits = _first_hits(scene.in_float32[0], BLOCK_SIDE)
 
-    def mean(values: Array) -> Array:
-        image = values.astype(np.float32, copy=False).reshape(-1, len(rows), len(columns))
-        return patch_mean(image, PATCH // BLOCK_SIDE).astype(np.float32)
+    def mean(image: Array) -> Array:
+        return patch_mean(image.astype(np.float32, copy=False), PATCH // BLOCK_SIDE).astype(np.float32)
 
-    return {"normal": mean(normal), "albedo": mean(colour), "material": np.concatenate([*map(mean, kinds)])}, len(x)
+    material = hits["material"]
+    shares = [mean(material == number) for number in np.unique(material)]
+    features = {"normal": mean(hits["normal"]), "albedo": mean(hits["albedo"]), "material": np.concatenate(shares)}
+    return features, material.size
 
 
-def _centres(size: int) -> Array:
-    """Return raster coordinates of the centres of blocks of `BLOCK_SIDE` pixels; the last one may be smaller."""
-    edges = np.arange(0, size, BLOCK_SIDE, dtype=np.float32)
-    return (edges + np.minimum(edges + BLOCK_SIDE, size)) / 2
+def render_pixel_features(scene: Scene) -> tuple[dict[str, Array], int]:
+    """Return feature buffers of the pixels, and the number of rays traced for them: one through each pixel's centre.
+
+    A pixel at an edge has the features of the surface at its centre, not a mean over both sides.
+
+    Returns
+    -------
+    features
+        ``(C, H, W)`` float32: ``normal`` (3), ``albedo`` (3) as in `render_feature_buffers`; ``depth`` (1), the
+        distance along the ray in the units of `scene`, infinite where nothing is seen. A surface that neither reflects
+        nor emits is nothing.
+    rays
+        Number of rays.
+    """
+    hits = _first_hits(scene.in_float32[0], 1)
+    _, length, _ = scene.units
+    hits["depth"] *= np.float32(length)
+    return {name: hits[name] for name in ("normal", "albedo", "depth")}, hits["depth"].size
 
 
-def _look(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Return normals ``(3, N)``, albedos ``(3, N)`` and material numbers ``(N,)``, -1 for nothing, at raster points."""
+def _first_hits(scene: Scene, side: int) -> dict[str, Array]:
+    """Return features ``(C, rows, columns)`` of what rays through the centres of blocks of `side` pixels hit.
+
+    ``material`` (1) is a number, of nothing -1.
+    """
     plan = scene.plan
-    if scene.camera.is_pinhole:
-        origin, direction = np.repeat(scene.camera.origin, len(x), axis=1), scene.camera.rays(x, y)
-    else:
-        origin, direction = scene.camera.lens_rays(x, y)
-    hits = scene.intersector.closest(origin, direction)
-    group_of = plan.face_group.take(hits.prim)
-    normal, colour = np.zeros((2, *direction.shape), np.float32)
+    width, height = scene.camera.resolution
+    grid = np.meshgrid(_centres(width, side), _centres(height, side))
+    x, y = (a.reshape(-1) for a in grid)
+    normal = np.zeros((3, len(x)), np.float32)
+    albedo = np.zeros((3, len(x)), np.float32)
+    depth = np.full(len(x), np.inf, np.float32)
     material = np.full(len(x), -1)
-    for number, group in enumerate(plan.groups):
-        index = np.flatnonzero(group_of == number)
-        if len(index):
-            surface, _ = scene.shading_points(group, hits, index, direction)
-            normal[:, index] = surface.n
-            lobes = (*surface.reflection, *surface.transmission, *surface.delta)
-            colour[:, index] = sum(lobe.albedo() for lobe in lobes)
-            material[index] = number + (NO_GROUP + 1) * plan.face_row.take(hits.prim.take(index))
-    return normal, colour, material
+    for k in range(0, len(x), RAYS_PER_BATCH):
+        origin, direction = _rays(scene.camera, x[k : k + RAYS_PER_BATCH], y[k : k + RAYS_PER_BATCH])
+        hits = scene.intersector.closest(origin, direction)
+        group_of = plan.face_group.take(hits.prim)
+        for number, group in enumerate(plan.groups):
+            index = np.flatnonzero(group_of == number)
+            if len(index):
+                points, _ = scene.shading_points(group, hits, index, direction)
+                lobes = (*points.reflection, *points.transmission, *points.delta)
+                normal[:, k + index] = points.n
+                albedo[:, k + index] = sum(lobe.albedo() for lobe in lobes)
+                depth[k + index] = hits.distance.take(index)
+                material[k + index] = number + (NO_GROUP + 1) * plan.face_row.take(hits.prim.take(index))
+    features = {"normal": normal, "albedo": albedo, "depth": depth, "material": material}
+    return {name: values.reshape(-1, *grid[0].shape) for name, values in features.items()}
+
+
+def _centres(size: int, side: int) -> Array:
+    """Return raster coordinates of the centres of blocks of `side` pixels; the last one may be smaller."""
+    edges = np.arange(0, size, side, dtype=np.float32)
+    return (edges + np.minimum(edges + side, size)) / 2
+
+
+def _rays(camera: Camera, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return origins and unit directions of rays through raster points, from the middle of a lens, ``(3, N)`` each."""
+    if camera.is_pinhole:
+        return np.repeat(camera.origin, len(x), axis=1), camera.rays(x, y)
+    return camera.lens_rays(x, y)

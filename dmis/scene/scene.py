@@ -169,11 +169,16 @@ class Scene:
         return ray_offsets(self.parts, self.bounds, self.small_bodies)
 
     @cached_property
+    def units(self) -> tuple[Array, float, float]:
+        """Origin ``(3,)``, unit of length and unit of radiance of `in_float32`, see `dmis.scene.rescale.units`."""
+        return units(*self.bounds, self.small_bodies, self.lights)
+
+    @cached_property
     def _other_units(self) -> tuple[Scene, float] | None:
-        origin, length, gain = units(*self.bounds, self.small_bodies, self.lights)
+        origin, length, gain = self.units
         scene = self
         if origin.any() or length != 1 or gain != 1:
-            scene = self.changed(**rescale(self.camera, self.parts, self.lights, (origin, length, gain)))
+            scene = self.changed(**rescale(self.camera, self.parts, self.lights, self.units))
         parts = tuple(replace(part, mesh=refine_near_bodies(part.mesh, scene.bodies)) for part in scene.parts)
         if any(new.mesh is not old.mesh for new, old in zip(parts, scene.parts, strict=True)):
             scene = scene.changed(parts=parts)

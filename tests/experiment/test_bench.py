@@ -319,6 +319,13 @@ class Endless(dmis.Rule):
         return Fit(0.5)
 
 
+class OfPixels(Endless):
+    """A rule that looks at the pixels."""
+
+    pilot = {0.5: 2}  # noqa: RUF012
+    needs_features = "pixels"
+
+
 class Unfinished(dmis.Rule):
     """A rule that asks for no final pass."""
 
@@ -334,6 +341,7 @@ class Unfinished(dmis.Rule):
         ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
+        (OfPixels(), "needs features of pixels; pilots have those of patches"),
         (Unfinished(), "must yield a final round"),
         (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),
         (lambda tables: None, "a function must return one share .* got None"),

@@ -35,6 +35,7 @@ HALF = np.array([0.5, 0.5], np.float32)
         ({"spp": -1}, "spp of a round must not be negative; got -1"),
         ({"spp": np.full((3, 3), 2.5)}, "spp of a round must be whole; got 2.5. Make it whole by dmis.fit"),
         ({"begin": np.array([[3, -2]])}, "begin of a round must not be negative; got -2"),
+        ({"needs_features": "pixel"}, "needs_features of a round must be False or True or pixels; got 'pixel'"),
         ({"image_weight": 0.5}, "image_weight of a round must be whole; got 0.5"),
     ],
 )

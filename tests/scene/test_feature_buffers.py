@@ -1,4 +1,7 @@
-"""Guides: what the camera sees, and the rules that ask for it."""
+"""Feature buffers: what the camera sees, and the rules that ask for it."""
+
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from dmis.filter import joint
 from dmis.fit.pooling import pool
 from dmis.fit.registry import make_rule
 from dmis.geometry import shapes
-from dmis.scene.feature_buffers import FEATURE_SCALES, render_feature_buffers
+from dmis.scene.feature_buffers import FEATURE_SCALES, render_feature_buffers, render_pixel_features
 from dmis.testing.scenes import box_scene
 
 WALL = shapes.quad((0, -4, 0.5), (8, 0, 0), (0, 8, 0))
@@ -79,6 +82,35 @@ def test_any_size(resolution: tuple[int, int]) -> None:
     assert set(found) == set(FEATURE_SCALES)
 
 
+@pytest.mark.parametrize("unit", [1.0, 2.0**30, 2.0**-40])
+def test_pixels_by_hand(unit: float) -> None:
+    """A floor at 0, a slope z = x over a part of it, and nothing around them, from 9 above, in units of any length.
+
+    Each pixel has what is at its centre, so none has a mean over an edge.
+    """
+    floor = shapes.quad((-4 * unit, -4 * unit, 0), (8 * unit, 0, 0), (0, 8 * unit, 0))
+    slope = shapes.quad((0, -4 * unit, 0), (0, 8 * unit, 0), (3 * unit, 0, 3 * unit))  # its winding looks down
+    camera = dmis.Camera.look_at((0, 0, 9 * unit), (0, 0, 0), (0, 1, 0), fov=60, resolution=(32, 22))
+    parts = (dmis.Part(floor, dmis.matte(0.6)), dmis.Part(slope, dmis.plastic((0.5, 0.2, 0.1), 0.5, 0.1, eta=1.5)))
+    features, rays = render_pixel_features(dmis.Scene(camera, parts, (dmis.PointLight((0, 0, 9 * unit), (1, 1, 1)),)))
+    row, column = np.mgrid[:22, :32]
+    pixel = 2 * np.tan(np.radians(30)) / 22
+    x, y = (column + 0.5 - 32 / 2) * pixel, (22 / 2 - row - 0.5) * pixel  # of rays along (x, y, -1)
+    on_slope = (x > 0) & (9 * x / (1 + x) < 3) & (np.abs(9 * y / (1 + x)) < 4)
+    nothing = ~on_slope & ((np.abs(9 * x) > 4) | (np.abs(9 * y) > 4))
+    along = np.where(nothing, np.inf, np.where(on_slope, 9 / (1 + x), 9))
+    assert rays == 22 * 32 and all(image.dtype == np.float32 for image in features.values())
+    assert on_slope.any() and nothing.any() and (~on_slope & ~nothing).any()
+    np.testing.assert_allclose(features["depth"][0], along * np.sqrt(1 + x**2 + y**2) * unit, rtol=2e-6)
+    for name, of_floor, of_slope in (
+        ("normal", (0, 0, 1), (-np.sqrt(0.5), 0, np.sqrt(0.5))),
+        ("albedo", (0.6, 0.6, 0.6), (0.52, 0.22, 0.12)),
+    ):
+        of_floor, of_slope = (np.reshape(value, (3, 1, 1)) for value in (of_floor, of_slope))
+        expected = np.where(nothing, 0, np.where(on_slope, of_slope, of_floor))
+        np.testing.assert_allclose(features[name], expected, atol=1e-6)
+
+
 def test_pool() -> None:
     """Patches of several base patches, and edges that are not crossed; pixels say what the means are worth."""
     material = np.zeros((2, 8, 8))
@@ -121,6 +153,29 @@ def test_joint_rules_render(box: dmis.Scene) -> None:
         not make_rule("second-moment:filter=gaussian").needs_features
         and make_rule("second-moment:filter=joint").needs_features
     )
+
+
+def test_a_rule_looks_at_pixels(box: dmis.Scene) -> None:
+    """Its pilot has their features, one ray each; a black surface is nothing."""
+    films = []
+
+    class Looks(dmis.Rule):
+        pilot: ClassVar = {0.5: 2}
+        needs_features = "pixels"
+
+        def fit(self, pilot):
+            films.append(pilot[0.5])
+            return dmis.Fit(0.5)
+
+    black = replace(box, parts=(replace(box.parts[0], material=dmis.matte(0)), *box.parts[1:]))
+    result = dmis.render(black, Looks(), 4, seed=1)
+    assert result.rays["guide"] == 32 * 24
+    shapes = {name: image.shape for name, image in films[0].features.items()}
+    assert shapes == {"normal": (3, 24, 32), "albedo": (3, 24, 32), "depth": (1, 24, 32)}
+    nothing = ~np.isfinite(films[0].features["depth"][0])
+    assert nothing.any() and not nothing.all()
+    np.testing.assert_array_equal(nothing, (films[0].features["albedo"] == 0).all(axis=0))
+    np.testing.assert_allclose(np.linalg.norm(films[0].features["normal"], axis=0), ~nothing, atol=1e-6)
 
 
 def test_albedo_of_a_lobe_of_ones_own():

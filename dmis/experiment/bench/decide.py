@@ -78,6 +78,8 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
             f"rule {text} needs {np.mean(n):g} camera samples of {s} shading samples at w = {w:g}, after {begin} "
             f"others; pilots have, in all pixels, {available}. Use a smaller pilot"
         )
+    if round_.needs_features == "pixels":
+        raise ValueError(f"rule {text} needs features of pixels; pilots have those of patches. Measure it by compare")
     used[w] += n
     part, tilt = _part(table, begin, n, s), None if round_.tilt is None else float(round_.tilt[0])
     radiance = part.radiance(tilt).astype(np.float32)
