@@ -195,12 +195,8 @@ def _tabulate(lobes: tuple[Any, ...]) -> Any:
 def bind_lobes(group: Group, row: Index | None, uv: Array | None) -> dict[str, tuple[Any, ...]]:
     """Return the lobes of a group with the parameters of N points, by kind.
 
-    Parameters
-    ----------
-    row
-        Rows of the points' materials in the parameter tables, ``(N,)``; None: there is one material.
-    uv
-        Texture coordinates of the points, ``(2, N)``; None: there are no images.
+    These come from the rows ``(N,)`` of the parameter tables (None: there is one material), and from images at the
+    texture coordinates `uv` ``(2, N)`` (None: there are no images).
     """
     return {kind: tuple(bind(lobe, row, uv) for lobe in lobes) for kind, lobes in group.lobes.items()}
 

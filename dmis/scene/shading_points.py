@@ -40,19 +40,14 @@ class Surfaces:
     def shading_points(
         self, group: Group, hits: Hits, index: Selection | None, direction: Array
     ) -> tuple[ShadingPoints, Array | None]:
-        """Return the shading points of the hits `index` (None: all), all of `group`, and what they emit.
+        """Return the shading points of K hits, and the radiance ``(3, K)`` that they emit towards the viewer, or None.
 
         Parameters
         ----------
-        direction
-            Unit directions of the rays that hit, ``(3, N)``, of all hits.
-
-        Returns
-        -------
-        points
-            Its size is that of `index`.
-        emission
-            ``(3, N)`` radiance emitted towards the viewer; None if the group does not emit.
+        group
+            The group of their surfaces; the radiance is None if it does not emit.
+        hits, index, direction
+            Hits of N rays, which of them (None: all), and unit directions of the N rays, ``(3, N)``.
         """
         prim = take(hits.prim, index)
         u = take(hits.u, index)
