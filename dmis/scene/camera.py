@@ -74,7 +74,8 @@ class Camera:
             object.__setattr__(self, name, pair(name, getattr(self, name), whole))
         width, height = self.resolution
         check_size(width, height)
-        (left, top), (wide, high) = self.corner, self.frame or self.resolution
+        left, top = self.corner
+        wide, high = self.frame or self.resolution
         if not (0 <= left <= wide - width and 0 <= top <= high - height):
             raise ValueError(
                 f"a crop must lie inside its frame of {wide}x{high}; got {width}x{height} at column {left}, row {top}"
@@ -128,7 +129,8 @@ class Camera:
         right = direction("right", np.cross(axis, away))
         across = np.stack([right, np.cross(away, right)])
         for _ in range(4):  # perspective moves the middle
-            places, nearer = across @ (points - centre).T, (points - centre) @ away
+            places = across @ (points - centre).T
+            nearer = (points - centre) @ away
             distance = (np.abs(places).max(axis=0) / (0.9 * np.tan(np.radians(fov / 2))) + nearer).max()
             seen = places / (distance - nearer)
             centre = centre + distance / 2 * (seen.max(axis=1) + seen.min(axis=1)) @ across
@@ -146,7 +148,8 @@ class Camera:
             raise ValueError("rays are those of a pinhole; lens_rays returns origins and directions of any camera")
         width, height = self.frame or self.resolution
         right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
-        b, c = right * self.pixel, -up * self.pixel
+        b = right * self.pixel
+        c = -up * self.pixel
         a = forward - b * (width / 2 - self.corner[0]) - c * (height / 2 - self.corner[1])
         return a, b, c
 
@@ -189,10 +192,12 @@ class Camera:
         Uniform numbers `u` ``(2, N)`` place the origins on the lens; None: in its middle.
         """
         axes = np.asarray(self.to_world, float)[:3, :3].astype(np.float32)
-        (width, height), (left, top) = self.frame or self.resolution, self.corner
+        width, height = self.frame or self.resolution
+        left, top = self.corner
         origin = np.repeat(self.origin, len(x), axis=1)
         if self.projection == "spherical":
-            phi, theta = (x + left) * np.float32(2 * np.pi / width), (y + top) * np.float32(np.pi / height)
+            phi = (x + left) * np.float32(2 * np.pi / width)
+            theta = (y + top) * np.float32(np.pi / height)
             along = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)])
             return origin, normalise(axes @ along)
         side = np.float32(self.pixel)

@@ -23,7 +23,8 @@ def find_covered_pixels(camera: Camera, meshes: Sequence[Mesh]) -> np.ndarray | 
     if not camera.is_pinhole:
         return None
     width, height = camera.resolution
-    size, reach = np.array([[width], [height]]), 0.0 if camera.filter is None else max(camera.filter.radius)
+    size = np.array([[width], [height]])
+    reach = 0.0 if camera.filter is None else max(camera.filter.radius)
     begins = np.zeros((height + 1, width + 1), np.int32)  # its sums over rows and columns count rectangles
     for mesh in meshes:
         error = POSITION_ERROR * max(np.abs(mesh.vertices).max(), np.abs(camera.origin).max())
@@ -32,7 +33,8 @@ def find_covered_pixels(camera: Camera, meshes: Sequence[Mesh]) -> np.ndarray | 
         faces = mesh.faces[(depth[mesh.faces] > -near).any(axis=1)]
         if (depth[faces] <= near).any():
             return None
-        places, margin = np.stack([x, y]), 1 + reach + near / (depth * camera.pixel)
+        places = np.stack([x, y])
+        margin = 1 + reach + near / (depth * camera.pixel)
         # rectangles outside of the image have no extent
         left, top = np.floor(np.clip((places - margin)[:, faces].min(axis=2), 0, size)).astype(np.int64)
         right, bottom = np.ceil(np.clip((places + margin)[:, faces].max(axis=2), 0, size)).astype(np.int64)

@@ -86,7 +86,9 @@ class MaskedCaster:
     """
 
     def __init__(self, caster: RayCaster, solid: RayCaster, parts: Sequence[Any], uv: Callable[[Index], Array]) -> None:
-        self._caster, self._solid, self._uv = caster, solid, uv
+        self._caster = caster
+        self._solid = solid
+        self._uv = uv
         self._masks = list({id(part.mask): part.mask for part in parts if part.mask is not None}.values())
         numbers = [-1 if part.mask is None else self._masks.index(part.mask) for part in parts]
         # the last one is that of a miss
@@ -134,7 +136,8 @@ class MaskedCaster:
 
     def _holes(self, hits: Hits, direction: Array) -> Index:
         """Return the numbers of the rays along `direction` that met a hole."""
-        mask_of, holes = self._mask_of.take(hits.prim), [np.empty(0, np.int64)]
+        mask_of = self._mask_of.take(hits.prim)
+        holes = [np.empty(0, np.int64)]
         for k, mask in enumerate(self._masks):
             index = np.flatnonzero(mask_of == k)
             part = hits.take(index)

@@ -49,7 +49,8 @@ def surface(
 
 def check_lobe_form(lobe: Lobe) -> None:
     """Raise a ValueError if a method of a lobe returns values of the wrong shape for four points, or for one."""
-    name, colours = type(lobe).__name__, ("(3, N)", "(3, 1)", "(1, N)", "(1, 1)")
+    name = type(lobe).__name__
+    colours = ("(3, N)", "(3, 1)", "(1, N)", "(1, 1)")
     for n in (4, 1):
         points = surface(Material((lobe,)), (0.6, 0, 0.8), n)
         with np.errstate(all="ignore"):  # shapes count here, values do not

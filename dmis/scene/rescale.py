@@ -49,7 +49,8 @@ def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tup
     A ValueError if the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it, or a
     light is so small or so large that squares of its size are beyond float32.
     """
-    size, reach = float(np.linalg.norm(high - low)), float(np.abs([low, high]).max())
+    size = float(np.linalg.norm(high - low))
+    reach = float(np.abs([low, high]).max())
     if reach > 1e9 * size > 0:
         raise ValueError(
             f"a scene must not be further from the origin than 1e9 times its size, where its shape is rounding; got "

@@ -154,7 +154,8 @@ class ShadingPoints:
         if index is None:
             return self
         part = ShadingPoints()
-        part._parent, part._index = self._parent or self, compose(self._index, index)
+        part._parent = self._parent or self
+        part._index = compose(self._index, index)
         return part
 
     def __getattr__(self, name: str) -> Any:
@@ -226,7 +227,8 @@ class ShadingPoints:
 
     def _sample_a_lobe(self, u: Array) -> Array:
         """Sample directions ``(3, N)``; ``u[0]`` first picks the lobe and is then stretched back to [0, 1)."""
-        wi, count = np.empty_like(self.wo), len(self.reflection)
+        wi = np.empty_like(self.wo)
+        count = len(self.reflection)
         scaled = u[0] * count
         chosen = np.minimum(scaled.astype(np.int8), count - 1)
         stretched = np.stack([np.minimum(scaled - chosen, np.float32(1 - 2**-24)), u[1]])
