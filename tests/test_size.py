@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_800, "tests": 28_300}
+LINES = {"dmis": 27_900, "tests": 28_400}
 """Lines of Python files."""
-WORDS = 43_800
+WORDS = 44_000
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""
