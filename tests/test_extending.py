@@ -1,4 +1,4 @@
-"""What docs/extending.md says about additions is followed to the letter, from outside of the package."""
+"""What docs/extending.md and docs/your-rule.md say about additions is followed to the letter, from outside of the package."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from dmis.formats.load_scene import light_part
 from dmis.samplers.streams import Independent
 from dmis.testing.scenes import box_scene
 
-PAGE = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8")
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = "\n".join((DOCS / name).read_text("utf-8") for name in ("extending.md", "your-rule.md"))
 
 
 def block(heading: str) -> str:

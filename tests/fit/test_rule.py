@@ -1,4 +1,4 @@
-"""The base class of rules: defaults, names, errors; and the rule that docs/extending.md shows."""
+"""The base class of rules: defaults, names, errors; and the rule that docs/your-rule.md shows."""
 
 import re
 from pathlib import Path
@@ -222,12 +222,12 @@ def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
     assert known == RULES
 
 
-# docs/extending.md ----------------------------------------------------------------------------------------------------
+# docs/your-rule.md ----------------------------------------------------------------------------------------------------
 
 
 def test_rule_of_the_page_for_contributors(box: dmis.Scene, tmp_path: Path) -> None:
     """The code block has at most 10 lines, and works by name in all commands."""
-    page = (ROOT / "docs" / "extending.md").read_text("utf-8")
+    page = (ROOT / "docs" / "your-rule.md").read_text("utf-8")
     (code,) = re.search(r"## A rule\n.*?```python\n(.*?)```", page, re.S).groups()
     lines = [line for line in code.split("\n") if line.strip() and not line.strip().startswith("#")]
     assert len(lines) <= 10
