@@ -1,4 +1,4 @@
-"""What docs/extending.md and docs/your-rule.md say about additions is followed to the letter, from outside of the package."""
+"""What docs/extending.md and docs/your-rule.md say of additions is followed to the letter, from outside."""
 
 from __future__ import annotations
 
