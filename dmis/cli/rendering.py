@@ -49,9 +49,9 @@ def render(options: argparse.Namespace) -> int:
         spp = scene.suggested.spp if options.spp is None and options.as_in_file else options.spp
         stop = None
         if options.noise is not None or options.seconds is not None:
-            stop = Stop(options.rule, spp, options.noise, options.seconds)
-            spp = stop.first_spp
-        job = resolve(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
+            stop = Stop(options.noise, options.seconds)
+        settings = make_settings(**settings_of(options, scene))
+        job = resolve(scene, options.rule, spp, options.seed, settings, doubling=stop is not None)
         result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
     exposure = _exposure(options, scene, result)
     has_preview = bool(options.png) or Path(options.output).suffix.lower() == ".png"

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import re
 import reprlib
-from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from inspect import signature
 from typing import Any, Literal, get_args, get_origin
 
 from dmis.base.plugins import loaded_plugins, origin
-from dmis.base.validate import did_you_mean, number, whole
-from dmis.estimator.settings import Settings
+from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.auto import Auto
 from dmis.fit.fixed import Fixed
 from dmis.fit.objectives import OBJECTIVE_NAMES
-from dmis.fit.rule import Rule, rule_text
+from dmis.fit.rule import Rule, check_form
 from dmis.fit.second_moment import SecondMoment
 from dmis.fit.simplex import Simplex
 from dmis.fit.thesis import Thesis
@@ -111,7 +110,7 @@ def make_rule(rule: Rule | str) -> Rule:
     if isinstance(rule, int | float) and 0 <= rule <= 1:
         raise _no_such_rule(f"{float(rule):g}")
     if not isinstance(rule, str):
-        return _check_form(_check_object(rule), rule_text(rule))
+        return _check_object(rule)
     name, _, rest = rule.strip().partition(":")
     if name not in RULES:
         raise _no_such_rule(name)
@@ -120,7 +119,7 @@ def make_rule(rule: Rule | str) -> Rule:
         return _given_shares(options)
     if name == "fixed" and "w" not in options:
         raise ValueError("rule fixed needs the share of light samples, such as fixed:0.5; got none")
-    return _check_form(RULES[name](**options), rule)  # a rule, as `register_rule` has checked
+    return RULES[name](**options)  # a rule, as `register_rule` has checked
 
 
 def _check_object(rule: Any) -> Rule:
@@ -136,24 +135,7 @@ def _check_object(rule: Any) -> Rule:
             f"{must}, which has no method fit. Add it to class {type(rule).__name__}: "
             f"def fit(self, pilot): return dmis.Fit(weight=0.5)"
         )
-    return rule
-
-
-def _check_form(rule: Rule, text: str) -> Rule:
-    """Return a rule; raise a ValueError unless its pilot and its settings are of the right form."""
-    for name, example in (("pilot", "{0.5: 2}, camera samples by weight"), ("settings", "{'reuse_pilot': False}")):
-        if not isinstance(value := getattr(rule, name), Mapping):
-            raise ValueError(f"{name} of rule {text} must be a dict such as {example}; got {value!r}. Or leave it out")
-    known = [field.name for field in fields(Settings)]
-    if unknown := [name for name in rule.settings if name not in known]:
-        raise ValueError(
-            f"settings of rule {text} must be fields of dmis.Settings; got {unknown[0]!r}. "
-            f"Fields are {', '.join(known)}"
-        )
-    for w, n in rule.pilot.items():
-        whole(f"samples of the pilot of rule {text} at {w!r}", n, 1)
-        for share in w if isinstance(w, tuple) else (w,):
-            number(f"shares of the pilot of rule {text}", share, 0, 1)
+    check_form(rule)
     return rule
 
 

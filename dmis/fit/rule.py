@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.base.validate import number, whole
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, make_settings
 from dmis.estimator.technique import technique_by_name
@@ -160,6 +161,21 @@ def rule_text(rule: Any) -> str:
     return rule if isinstance(rule, str) else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(rule))
 
 
+def check_form(rule: Rule) -> None:
+    """Raise a ValueError unless pilot and settings of a rule are dictionaries, and the latter of fields of settings."""
+    for name, example in (("pilot", "{0.5: 2}, camera samples by weight"), ("settings", "{'reuse_pilot': False}")):
+        if not isinstance(value := getattr(rule, name), Mapping):
+            raise ValueError(
+                f"{name} of rule {rule_text(rule)} must be a dict such as {example}; got {value!r}. Or leave it out"
+            )
+    known = [field.name for field in fields(Settings)]
+    if unknown := [name for name in rule.settings if name not in known]:
+        raise ValueError(
+            f"settings of rule {rule_text(rule)} must be fields of dmis.Settings; got {unknown[0]!r}. "
+            f"Fields are {', '.join(known)}"
+        )
+
+
 # Settings of a rule and its caller ------------------------------------------------------------------------------------
 
 
@@ -183,8 +199,8 @@ def _reuse_pilot(settings: Settings, scene: Scene, rule: Rule | None) -> bool | 
     if rule is None:
         return None
     # a pilot of one technique alone may have many times the error of a mixture
-    mixed = all(0 < share < 1 for weight in rule.pilot for share in np.ravel(weight))
-    return mixed and settings.sampler == "independent"
+    alone = any(share in (0, 1) for weight in rule.pilot for share in np.ravel(weight))
+    return not alone and settings.sampler == "independent"
 
 
 def _compensation(settings: Settings, scene: Scene, rule: Rule | None) -> float | None:
@@ -247,12 +263,16 @@ def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
 
 
 def check_settings(rule: Rule, text: str, settings: Settings) -> None:
-    """Raise a ValueError if a rule cannot render with settings, those that `merge_settings` returned.
+    """Raise a ValueError if the pilot of a rule is not right, or it cannot render with settings.
 
     A rule with a statistic learns from the densities of all techniques, unless it is for any number of these; and from
     pairs of samples at fixed shares.
     """
     check_weigh(rule.weigh or settings.weigh, settings.combiner)
+    for weight, n in rule.pilot.items():
+        whole(f"samples of the pilot of rule {text} at {weight!r}", n, 1)
+        for share in weight if isinstance(weight, tuple) else (weight,):
+            number(f"shares of the pilot of rule {text}", share, 0, 1)
     names = settings.techniques
     if len(names) > 2 and not rule.multi_technique:
         raise ValueError(

@@ -30,6 +30,8 @@ DEFAULT_SPP = 128
 """Camera samples per pixel of a render that nothing else ends."""
 MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
+FIRST_SPP = 32
+"""Camera samples per pixel of a rule's own rounds where the last one is doubled, see `dmis.pipeline.stopping`."""
 NOTHING_TO_MIX = "no light has two techniques: no pilot, equal shares"
 """Value of ``nothing_to_mix`` in the provenance of a render for which this is so."""
 
@@ -46,8 +48,10 @@ class Job:
         The scene of the caller.
     rule, rule_text
         The rule, and its text in messages and in the provenance.
-    spp, seed
-        Camera samples per pixel, the pilot's included; seed.
+    spp, most
+        Camera samples per pixel, the pilot's included; and how many they may become by doubling.
+    seed
+        Seed.
     settings
         Estimator settings of the final pass.
     notes
@@ -60,6 +64,7 @@ class Job:
     rule: Rule
     rule_text: str
     spp: int
+    most: int
     seed: int
     settings: Settings
     notes: Mapping[str, str] = field(default_factory=dict)
@@ -111,26 +116,29 @@ class Job:
         return {**self.provenance, **hashes, "tiles": layout(self.settings), "package_hash": package_hash()}
 
 
-def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, settings: Settings) -> Job:
+def resolve(
+    scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, settings: Settings, doubling: bool = False
+) -> Job:
     """Return the job of the arguments of `dmis.pipeline.render.render`, with a value in place of every default.
 
-    A ValueError if an argument is not right, or arguments do not go together.
+    With `doubling`, `spp` is the most: the job has `FIRST_SPP`, doubled until they are enough for the rule. A
+    ValueError if an argument is not right, or arguments do not go together.
     """
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
-    spp = whole("spp", DEFAULT_SPP if spp is None else spp, 1, MAX_SPP)
+    most = whole("spp", (MAX_SPP if doubling else DEFAULT_SPP) if spp is None else spp, 1, MAX_SPP)
+    spp = min(FIRST_SPP, most) if doubling else most
     seed = whole("seed", seed, 0)
     float32_scene, gain = scene.in_float32
     _warn_if_dark(float32_scene)
     # name the rule
-    reason = ""
-    if rule is None:
-        rule, reason = default_rule(spp, settings)
-    text = rule_text(rule)
-    named = make_rule(rule)
+    rule, objection = (rule, "") if rule is not None else default_rule(spp, settings)
+    named, text = make_rule(rule), rule_text(rule)
+    # the settings that it needs; equal shares, if there is a reason
     merged = merge_settings(named, text, settings)
-    # fall back to equal shares, if there is a reason
-    notes = _reasons(named, spp, float32_scene, reason)
+    while spp < most and spp < max(named.least_spp, named.pilot_samples(spp) + 1):
+        spp = min(2 * spp, most)
+    notes = _reasons(objection or named.fallback(spp), named, float32_scene)
     used = _equal_shares(merged) if notes else named
     # fill what is open, of the settings and then of the rule
     filled = filled_settings(merged, float32_scene, used)
@@ -141,7 +149,7 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, s
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    return Job(float32_scene, gain, scene, used, text, spp, seed, filled, notes)
+    return Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, notes)
 
 
 def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:
@@ -173,10 +181,10 @@ def _objection_to_auto(spp: int, settings: Settings) -> str:
     return auto.fallback(spp)
 
 
-def _reasons(rule: Rule, spp: int, scene: Scene, reason: str) -> dict[str, str]:
-    """Return why a render has equal shares, the `reason` of a default rule or the rule's own, for `Job.notes`."""
-    if reason := reason or rule.fallback(spp):
-        return {"fallback": reason}
+def _reasons(objection: str, rule: Rule, scene: Scene) -> dict[str, str]:
+    """Return why a render has equal shares in place of those of a rule, for `Job.notes`; empty if it has not."""
+    if objection:
+        return {"fallback": objection}
     return {"nothing_to_mix": NOTHING_TO_MIX} if rule.shares_only and not scene.plan.mixable else {}
 
 

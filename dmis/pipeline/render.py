@@ -67,8 +67,8 @@ def render(
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
-    stop = None if noise is None and seconds is None else Stop(rule, spp, noise, seconds)
-    job = resolve(scene, rule, stop.first_spp if stop else spp, seed, make_settings(settings, **options))
+    stop = None if noise is None and seconds is None else Stop(noise, seconds)
+    job = resolve(scene, rule, spp, seed, make_settings(settings, **options), doubling=stop is not None)
     return render_job(job, parallel, progress, checkpoint, stop=stop)
 
 

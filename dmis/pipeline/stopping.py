@@ -27,16 +27,13 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.validate import number, whole
+from dmis.base.validate import number
 from dmis.base.vectors import Array
-from dmis.fit.registry import make_rule
 from dmis.fit.round import Pilot, Round
-from dmis.fit.rule import Rule, next_round
-from dmis.pipeline.job import MAX_SPP, Job
+from dmis.fit.rule import next_round
+from dmis.pipeline.job import Job
 from dmis.samplers.streams import is_sequence
 
-FIRST_SPP = 32
-"""Camera samples per pixel of the rule's own rounds."""
 EXPONENT = 1.3
 """a of low-discrepancy points, for the relative error of whole images: 1.2 to 1.6 on five scenes."""
 EPSILON = 0.01
@@ -48,8 +45,6 @@ class Stop:
 
     Attributes
     ----------
-    first_spp
-        Camera samples per pixel of the rule's own rounds.
     job
         The job with the samples that were spent, and with the number of rounds and the estimated noise in its notes.
     final
@@ -59,20 +54,9 @@ class Stop:
     job: Job
     final: Round
 
-    def __init__(
-        self,
-        rule: Rule | str | None = None,
-        spp: int | None = None,
-        noise: float | None = None,
-        seconds: float | None = None,
-    ) -> None:
-        self._most = MAX_SPP if spp is None else whole("spp", spp, 1, MAX_SPP)
+    def __init__(self, noise: float | None = None, seconds: float | None = None) -> None:
         self._noise = -inf if noise is None else number("noise", noise, 0)
         self._limit = inf if seconds is None else number("seconds", seconds, 0)
-        first, learned = FIRST_SPP, None if rule is None else make_rule(rule)
-        while learned is not None and (first < learned.least_spp or first <= learned.pilot_samples(first)):
-            first *= 2
-        self.first_spp = min(first, self._most)
 
     def rounds(self, job: Job) -> Generator[Round, Pilot, None]:
         """Yield the rounds of a job, and be sent the film of each: those of its rule, then the last one, doubled."""
@@ -105,7 +89,7 @@ class Stop:
     def _goes_on(self, noise: float) -> bool:
         """Return whether to double once more: it takes as long as all rounds before, and as many samples."""
         in_time = 2 * self._seconds <= self._limit
-        return in_time and self.job.spp + self.final.image_weight <= self._most and not noise <= self._noise
+        return in_time and self.job.spp + self.final.image_weight <= self.job.most and not noise <= self._noise
 
     def _relative(self, square: Array, mean: Array) -> float:
         """Return the mean of squares over those of a mean, in units of the given scene."""

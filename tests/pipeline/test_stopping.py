@@ -76,9 +76,9 @@ def test_noise_by_hand() -> None:
     ones = np.ones((1, 2, 3))
     films = [Film(n, mean * ones, np.sqrt(n * (n - 1)) * ones) for n, mean in ((32, 3), (64, 4))]
     first = 0.01 / 0.1 * 3 / (4**1.3 - 1) / (0.25**0.7 + 0.75**0.7)
-    for spp, noise in ((32, first), (64, 0.01 / 0.17 / (2**1.3 - 1))):
-        stop = stopping.Stop(spp=spp, noise=0)
-        rounds = stop.rounds(job)
+    for most, noise in ((32, first), (64, 0.01 / 0.17 / (2**1.3 - 1))):
+        stop = stopping.Stop(noise=0)
+        rounds = stop.rounds(replace(job, most=most))
         for film in (None, *map(Pilot, films)):
             if next_round(rounds, film) is None:
                 break
