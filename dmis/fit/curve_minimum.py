@@ -77,7 +77,8 @@ def guarded_argmin(curves: PatchCurves, cost: Array, guard: float, allowed: np.n
     index = np.empty(curves.position.shape, np.intp)
     for rows in row_blocks(len(index)):  # curves are large, and intermediate results are larger
         block = curves.rows(rows)
-        objective, error = cost_weighted(block.variance, cost, price), block.gain_error()
+        objective = cost_weighted(block.variance, cost, price)
+        error = block.gain_error()
         significant = block.variance - block.variance[curves.baseline] < -guard * error
         significant &= objective - objective[curves.baseline] < -guard * error
         significant &= allowed[:, None, None]
@@ -94,5 +95,6 @@ def allowed_weights(curve: Array) -> np.ndarray:
     as its neighbour.
     """
     allowed = np.ones(len(curve), bool)
-    allowed[0], allowed[-1] = curve[0] <= curve[1], curve[-1] <= curve[-2]
+    allowed[0] = curve[0] <= curve[1]
+    allowed[-1] = curve[-1] <= curve[-2]
     return allowed

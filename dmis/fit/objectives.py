@@ -49,14 +49,17 @@ class Gather:
     """
 
     def __init__(self, objective: Objective, pixels: int, shading_samples: int) -> None:
-        self._objective, self._pixels, self._shading_samples = objective, pixels, shading_samples
+        self._objective = objective
+        self._pixels = pixels
+        self._shading_samples = shading_samples
         self._n = 0
         self._sum: Array | float = 0
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """See `dmis.estimator.records.Statistic.add`."""
         self._n += count
-        n, pairs = radiance.shape[1], self._shading_samples // 2
+        n = radiance.shape[1]
+        pairs = self._shading_samples // 2
         black = unrecorded_samples(2, n)  # so that there is a sum, even without a record
         for light in (*samples_by_light(records, self._shading_samples, n), black):
             for x, d in zip(*light, strict=True):

@@ -57,7 +57,7 @@ def choose_patch(w: Array, variance: Array, fit: Callable[[Array, Array], Array]
     scores
         Estimates of the mean variance of a camera sample with patches of each size, ``(4,)``.
     """
-    base, shape = SIZES[0], variance.shape[1:]
+    base = SIZES[0]
     folds = [_in_patches(variance, (row, column), base) for row in (0, 1) for column in (0, 1)]
     total, area = (np.sum([fold[k] for fold in folds], axis=0) for k in (0, 1))
     scores = np.zeros(len(SIZES))
@@ -70,7 +70,7 @@ def choose_patch(w: Array, variance: Array, fit: Callable[[Array, Array], Array]
             # sum_p sum_i l_i(w) s_i^2(p) over the fold
             scores[k] += (_parabola_basis(w, share) * held_out).sum()
     best = len(SIZES) - 1 - int(scores[::-1].argmin())  # of equal scores the last
-    return SIZES[best], scores / (shape[0] * shape[1])
+    return SIZES[best], scores / variance[0].size
 
 
 def _in_patches(variance: Array, corner: tuple[int, int], size: int) -> tuple[Array, Array]:

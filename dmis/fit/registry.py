@@ -172,12 +172,12 @@ def _given_shares(options: dict[str, Any]) -> Rule:
 # Options ------------------------------------------------------------------------------------------------------------
 
 
-_YES, _NO = ("yes", "true", "on", "1"), ("no", "false", "off", "0")
+_BOOLS = dict.fromkeys(("yes", "true", "on", "1"), True) | dict.fromkeys(("no", "false", "off", "0"), False)
 _READERS: dict[Any, Callable[[str], Any]] = {
     int: int,
     float: float,
     str: str,
-    bool: lambda text: (*_NO, *_YES).index(text.lower()) >= len(_NO),
+    bool: lambda text: _BOOLS[text.lower()],
 }
 
 
@@ -219,7 +219,7 @@ def _read_options(name: str, text: str) -> dict[str, Any]:
             raise ValueError(f"option {key} of rule {name} needs a value, {allowed}: {name}:{key}=...")
         try:
             values[key] = value if value in words else _READERS[kind](value)
-        except ValueError:
+        except (ValueError, KeyError):
             first = "" if equals else f", of which a value without a name is the first; there are {', '.join(options)}"
             raise ValueError(f"option {key} of rule {name} must be {allowed}; got {value!r}{first}") from None
     return values

@@ -31,9 +31,11 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
     """
     if spp > LEVELS[-1]:
         raise ValueError(f"camera samples must be at most {LEVELS[-1]} per pixel where a rule divides them; got {spp}")
-    least, most = min(2, spp), LEVELS[-1]
+    least = min(2, spp)
+    most = LEVELS[-1]
     values, pixels = np.unique(share, return_counts=True)
-    low_scale, high_scale = 0.0, most / values[0]
+    low_scale = 0.0
+    high_scale = most / values[0]
     # bisection for the scale at which the clipped samples have the mean spp; it ends when all pixels are at the least,
     # or when no float is between the two scales
     while high_scale * values[-1] > least and low_scale < (scale := (low_scale + high_scale) / 2) < high_scale:
@@ -69,7 +71,7 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
     variance_ratio, cost_ratio
         Variance and cost over those without halvings, ``(...)``.
     """
-    part, halvings = np.ones(variance.shape), np.zeros(variance.shape)
+    part = np.ones(variance.shape)
     for _ in range(3):
         price = (variance * part**-exponent).sum(axis=0) / (camera + (cost * part).sum(axis=0))
         wanted = variance / np.maximum(cost * price, TINY)
@@ -104,7 +106,8 @@ def _spend_rest(samples: Array, target: Array, cost: Array, budget: float) -> Ar
     may leave much of the budget. Pixels with far more samples than their `target`, such as black ones, stay as they
     are.
     """
-    n, step = samples.reshape(-1), (samples * cost).reshape(-1)
+    n = samples.reshape(-1)
+    step = (samples * cost).reshape(-1)
     rest = budget - step.sum()
     for least_nearness in (1, 1 / 2, 1 / 4):
         nearness = target.reshape(-1) / n
@@ -112,7 +115,8 @@ def _spend_rest(samples: Array, target: Array, cost: Array, budget: float) -> Ar
         order = order[np.argsort(-nearness[order], kind="stable")]
         while len(order := order[step[order] <= rest]):
             k = max(1, np.count_nonzero(np.cumsum(step[order]) <= rest))
-            doubled, order = order[:k], order[k:]
+            doubled = order[:k]
+            order = order[k:]
             rest -= step[doubled].sum()
             n[doubled] *= 2
             step[doubled] *= 2

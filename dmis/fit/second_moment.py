@@ -89,7 +89,8 @@ class SecondMoment(PooledRule):
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         # V(w) of patches
         curves = PatchCurves(**means, pixels=pixels, baseline=HALF)
-        variance, cost = curves.variance, self._cost(samples, GRID_SHARES)
+        variance = curves.variance
+        cost = self._cost(samples, GRID_SHARES)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how certain means are
         # min over w of V + price C,  price = V(1/2) / C(1/2) of the image
         mean_half = (np.maximum(variance[HALF], 0) * area).sum() / area.sum()

@@ -111,7 +111,8 @@ class Thesis(OptionRule):
         # s^2 = sum (x - mean x)^2 / (n - 1) of each pixel
         grey = luminance if self.channels == "luminance" else partial(np.mean, axis=-1)
         s2 = np.stack([grey(p.moments.variance()) for p in pilot.values()])
-        patch, maps = self.patch, {}
+        patch = self.patch
+        maps = {}
         if patch == "auto":
             patch, scores = choose_patch(w, s2, lambda y, area: self._weights(w, y, area)[0])
             maps["sizes"] = np.stack([SIZES, scores])

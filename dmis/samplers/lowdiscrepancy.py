@@ -40,8 +40,10 @@ class LowDiscrepancy:
     """Sampler of the pixels of one tile."""
 
     def __init__(self, block: PixelBlock) -> None:
-        self._rng, self._pixels = block.rng, len(block.pixels)
-        self._length, self._bits = block.stops[-1] * block.shading_samples, _bits(block.stops[-1])
+        self._rng = block.rng
+        self._pixels = len(block.pixels)
+        self._length = block.stops[-1] * block.shading_samples
+        self._bits = _bits(block.stops[-1])
         self._pixel = self._number = np.empty(0, np.int64)
         self._words: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
         self._orders: dict[Hashable, np.ndarray] = {}
@@ -49,7 +51,8 @@ class LowDiscrepancy:
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """See `dmis.samplers.streams.Sampler.start`."""
-        self._pixel, self._number = pixel, number
+        self._pixel = pixel
+        self._number = number
 
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `dmis.samplers.streams.Sampler.draw`."""

@@ -82,7 +82,8 @@ class Sobol:
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """See `dmis.samplers.streams.Sampler.start`."""
-        self._pixel, self._number = pixel, number
+        self._pixel = pixel
+        self._number = number
 
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `dmis.samplers.streams.Sampler.draw`. Keys are tuples of whole numbers, or ``"camera"``."""
@@ -167,7 +168,8 @@ def _point(i: int) -> np.ndarray:
             van_der_corput ^= reversed_digit
             sobol ^= pascal
         # column j + 1 of Pascal's triangle modulo 2 is column j plus itself, moved down by one
-        reversed_digit, pascal = reversed_digit >> 1, pascal ^ pascal >> 1
+        reversed_digit >>= 1
+        pascal ^= pascal >> 1
     return np.array([van_der_corput, sobol], np.uint32)
 
 

@@ -19,7 +19,9 @@ class Stratified:
     """
 
     def __init__(self, block: PixelBlock) -> None:
-        self._rng, self._pixels, self._spp = block.rng, len(block.pixels), block.stops[-1]
+        self._rng = block.rng
+        self._pixels = len(block.pixels)
+        self._spp = block.stops[-1]
         self._length = self._spp * block.shading_samples
         # shuffled between stops only: a pixel that stops early uses the beginning of the sequence
         steps = itertools.pairwise((0, *block.stops))
@@ -29,7 +31,8 @@ class Stratified:
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """See `dmis.samplers.streams.Sampler.start`."""
-        self._pixel, self._number = pixel, number
+        self._pixel = pixel
+        self._number = number
 
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `dmis.samplers.streams.Sampler.draw`."""

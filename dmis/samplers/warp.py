@@ -104,7 +104,8 @@ def atan2(y: Array, x: Array) -> Array:
     A polynomial over whole arrays takes a third of the time of `numpy.arctan2`, which calls the C library for each
     number.
     """
-    across, up = np.abs(x), np.abs(y)
+    across = np.abs(x)
+    up = np.abs(y)
     a = np.minimum(across, up) / np.maximum(np.maximum(across, up), TINY)
     square = a * a
     angle = square * ATAN[-1]

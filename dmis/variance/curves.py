@@ -77,7 +77,8 @@ class Curves:
     def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance", grid: Array = GRID) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._combiner, self._grid = combiner_by_name(combiner), grid
+        self._combiner = combiner_by_name(combiner)
+        self._grid = grid
         self._half = int(np.flatnonzero(grid == 0.5)[0])
         self._w_times_rest = (grid * (1 - grid))[:, None].astype(np.float64)
         self._rounding_variance = share_variance(self._s, grid)
@@ -104,7 +105,8 @@ class Curves:
 
         X is given in units whose square is `unit_2`.
         """
-        scale, lights = count * unit_2, [_SamplesTowardsLight(x, d, count, self._combiner) for x, d in samples]
+        scale = count * unit_2
+        lights = [_SamplesTowardsLight(x, d, count, self._combiner) for x, d in samples]
         # I^2 of each light, summed
         radiance_2 = sum(light.radiance_2 for light in lights)
         second, squared, pattern = np.zeros((3, len(self._grid), pixels.stop - pixels.start))
@@ -134,11 +136,11 @@ class Curves:
         ``(G, P)``, and Var_y(I) as ``position`` ``(P,)``.
         """
         n = max(self._n, 1)
-        pattern, sample_variance = self._pattern / n, self._total / n
+        pattern = self._pattern / n
         # E_y[M2 - I^2 - w (1 - w) D^2] / S + var(n / S) Var_y(D)
         curve = self._curve / n + self._rounding_variance[:, None] * pattern
         # Var_y(I) = the pilot's variance less its curve: V(1/2) of balance with 2 S shading samples in place of S
-        position = sample_variance - self._pilot / n / 2
+        position = self._total / n - self._pilot / n / 2
         return with_gain_square(curve, self._second / n, self._half) | {"pattern": pattern, "position": position}
 
 
@@ -190,7 +192,8 @@ def unrecorded_samples(shading_samples: int, n: int) -> tuple[Array, Array]:
     samples (p_l = 0).
     """
     x, d = np.zeros((2, shading_samples // 2, 2, n), np.float32)
-    d[:, 0], d[:, 1] = 1, -1
+    d[:, 0] = 1
+    d[:, 1] = -1
     return x, d
 
 
@@ -218,14 +221,19 @@ class _SamplesTowardsLight:
     """
 
     def __init__(self, x: Array, d: Array, count: int, combiner: Combiner) -> None:
-        self._x, self._d, self._count, self._combiner = x, d, count, combiner
-        self._x_2, self._x_d = x * x, x * d
+        self._x = x
+        self._d = d
+        self._count = count
+        self._combiner = combiner
+        self._x_2 = x * x
+        self._x_d = x * d
         # I(y) is estimated by the mean X of a pair
         self.radiance_2 = _mean_square(x.mean(axis=1), count)
         if combiner.heuristic is not balance:
             # r_l = p_l / q = 1 + d,  r_b = p_b / q = 1 - d
             r_l, r_b = (np.maximum(r, MIN_DENSITY_RATIO) for r in (1 + d, 1 - d))
-            self._x_l, self._x_b = x / np.sqrt(r_l), x / np.sqrt(r_b)
+            self._x_l = x / np.sqrt(r_l)
+            self._x_b = x / np.sqrt(r_b)
             self._pairs = x[:, 0] + x[:, 1]
             # p_b / p_l = (1 - d) / (1 + d)
             self._ratio = (1 - d) / r_l

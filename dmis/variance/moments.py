@@ -90,14 +90,17 @@ class PixelMoments:
 
         Their numbers, from `first` on, do not matter here.
         """
-        total, block = self._total, Moments.of(samples)
+        total = self._total
+        block = Moments.of(samples)
         if len(pixels) == self._pixels:
             self._total = total.merge(block)
             return
-        n, mean, m2 = np.broadcast_to(total.n, (1, self._pixels)).astype(float), total.mean, total.m2
-        merged = Moments(n[:, pixels], mean[:, pixels], m2[:, pixels]).merge(block)
-        n[:, pixels], mean[:, pixels], m2[:, pixels] = merged.n, merged.mean, merged.m2
-        self._total = Moments(n, mean, m2)
+        n = np.broadcast_to(total.n, (1, self._pixels)).astype(float)
+        merged = Moments(n[:, pixels], total.mean[:, pixels], total.m2[:, pixels]).merge(block)
+        n[:, pixels] = merged.n
+        total.mean[:, pixels] = merged.mean
+        total.m2[:, pixels] = merged.m2
+        self._total = Moments(n, total.mean, total.m2)
 
     def total(self) -> Moments:
         """Return the moments of all samples that were added, ``(3, P)``; ``(1, P)`` numbers where they differ."""
@@ -124,13 +127,14 @@ class SubBlocks:
         numbers = self._n.take(pixels)
         for n in np.unique(numbers):
             chosen = slice(None) if (numbers == n).all() else np.flatnonzero(numbers == n)
-            part, of = samples[..., chosen], pixels[chosen]
+            part = samples[..., chosen]
+            places = pixels[chosen]
             blocks = max(1, min(int(n), BLOCKS))
             starts = -(-np.arange(blocks + 1) * int(n) // blocks) - first
             for block, begin, end in zip(self._sum, starts[:-1], starts[1:], strict=False):
                 within = part[max(begin, 0) : max(end, 0)]
                 if len(within):
-                    block[:, of] += within.sum(axis=0, dtype=np.float64)
+                    block[:, places] += within.sum(axis=0, dtype=np.float64)
 
     def add_sums(self, sums: Array, pixels: np.ndarray) -> None:
         """Add to the sums of the sub-blocks of the `pixels` ``(A,)``; `sums` are ``(B, 3, A)``."""

@@ -103,7 +103,8 @@ class SimplexCurves:
     """
 
     def __init__(self, pixels: int, shading_samples: int, exact: tuple[bool, ...] = (True, True)) -> None:
-        self._exact, self._s = exact, shading_samples // len(exact)
+        self._exact = exact
+        self._s = shading_samples // len(exact)
         self._shares, _ = grid(len(exact))
         # cov(n_k, n_l) / S^2 of each point, as a sum of v v^T
         self._rounding = [_projections(rounding_covariance(shares, self._s)) for shares in self._shares.T]
@@ -148,8 +149,10 @@ class SimplexCurves:
         ``curve`` ``(G, P)``, the square of its difference from `baseline_point` as ``gain_square``, and Var_y(I) as
         ``position`` ``(P,)``.
         """
-        n, techniques = max(self._n, 1), len(self._exact)
-        equal, at = baseline_point((True,) * techniques), baseline_point(self._exact)
+        n = max(self._n, 1)
+        techniques = len(self._exact)
+        equal = baseline_point((True,) * techniques)
+        at = baseline_point(self._exact)
         # Var_y(I) = the pilot's variance less its curve: that of equal shares with K S shading samples in place of S
         position = (self._total - self._curve[equal] / techniques) / n
         return with_gain_square((self._curve + self._pattern) / n, self._second / n, at) | {"position": position}
@@ -164,7 +167,8 @@ def samples_by_light(records: Sequence[Record], s: int, techniques: int, n: int)
     lights: dict[tuple[int, ...], tuple[Array, Array]] = {}
     for record in records:
         if record.key not in lights:
-            x, r = np.zeros((s, techniques, n), np.float32), np.zeros((s, techniques, techniques, n), np.float32)
+            x = np.zeros((s, techniques, n), np.float32)
+            r = np.zeros((s, techniques, techniques, n), np.float32)
             r[:] = np.eye(techniques, dtype=np.float32)[..., None] * techniques
             lights[record.key] = x, r
         x, r = lights[record.key]
@@ -181,7 +185,8 @@ class SamplesTowardsLight:
     """Estimates of M2(w) and m_k(w) from the shading samples towards one light, see `samples_by_light`."""
 
     def __init__(self, x: Array, r: Array, exact: Sequence[bool]) -> None:
-        self._exact, self._approximate = np.flatnonzero(exact), np.flatnonzero(~np.asarray(exact))
+        self._exact = np.flatnonzero(exact)
+        self._approximate = np.flatnonzero(~np.asarray(exact))
         self._x = x.swapaxes(0, 1)
         self._r = np.ascontiguousarray(r.transpose(2, 1, 0, 3))  # first axis: density, second: technique of the sample
         # p_k over the mixture of the techniques of known density, which drew their samples
@@ -205,7 +210,8 @@ class SamplesTowardsLight:
         for share, r in zip(shares[1:], self._r[1:], strict=True):
             m += share * r
         y = self._x / np.maximum(m, MIN_DENSITY_RATIO, out=m)
-        means, second = np.zeros((techniques, rows, n), np.float32), np.zeros(n, np.float32)
+        means = np.zeros((techniques, rows, n), np.float32)
+        second = np.zeros(n, np.float32)
         # density known: m_k = E[Y p_k / mixture], M2 = sum_k w_k E[Y^2 p_k / mixture], over samples of techniques j
         for relative, k in zip(self._relative, self._exact, strict=True):
             for ratio, j in zip(relative, self._exact, strict=True):

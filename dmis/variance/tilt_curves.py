@@ -36,7 +36,9 @@ class TiltCurves:
     """
 
     def __init__(self, pixels: int, shading_samples: int, grid: Array = GRID) -> None:
-        self._s, self._grid, self._n = shading_samples, grid, 0
+        self._s = shading_samples
+        self._grid = grid
+        self._n = 0
         self._total = np.zeros((len(grid), pixels))
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
