@@ -73,7 +73,8 @@ class Gltf:
     unread: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
-        text, self._binary = self.data, b""
+        text = self.data
+        self._binary = b""
         if self.path.suffix.lower() == ".glb":
             magic, length, size = struct.unpack("<8sII", self.data[:16].ljust(16, b"\0"))
             end = 20 + size
@@ -81,7 +82,8 @@ class Gltf:
                 raise ValueError("it must be binary glTF of version 2; convert it")
             if len(self.data) < max(length, end):
                 raise ValueError(f"it is cut off: it must have {max(length, end)} bytes; it has {len(self.data)}")
-            text, self._binary = self.data[20:end], self.data[end + 8 :]
+            text = self.data[20:end]
+            self._binary = self.data[end + 8 :]
         self.json: dict[str, Any] = json.loads(text)
         version = str(self.json.get("asset", {}).get("version", "2.0"))
         if version.partition(".")[0] != "2":
@@ -127,8 +129,10 @@ class Gltf:
     def array(self, number: int) -> Any:
         """Return the elements of an accessor, ``(N, C)``: integers, or float64 where they are fractions."""
         accessor = self._item("accessors", number)
-        count, kind = accessor["count"], np.dtype(_TYPES[accessor["componentType"]])
-        columns, sparse = _COLUMNS[accessor["type"]], accessor.get("sparse")
+        count = accessor["count"]
+        kind = np.dtype(_TYPES[accessor["componentType"]])
+        columns = _COLUMNS[accessor["type"]]
+        sparse = accessor.get("sparse")
         if "bufferView" in accessor:
             table = self._elements(accessor, number, (count, columns), kind)
         elif sparse and count <= sum(map(len, self._buffers)):  # no vertex takes less than a byte of another accessor
@@ -136,7 +140,8 @@ class Gltf:
         else:
             raise ValueError(f"its accessor {number} has no data, or more elements than the file has bytes: {count}")
         if sparse:
-            places, changed = sparse["indices"], sparse["count"]
+            places = sparse["indices"]
+            changed = sparse["count"]
             index = self._elements(places, number, (changed, 1), np.dtype(_TYPES[places["componentType"]]))[:, 0]
             table = table.copy()
             table[index.astype(np.uint32)] = self._elements(sparse["values"], number, (changed, columns), kind)
@@ -146,8 +151,10 @@ class Gltf:
 
     def _elements(self, about: dict[str, Any], number: int, shape: tuple[int, int], kind: np.dtype[Any]) -> Any:
         """Return elements of accessor `number` as they are stored, from the view and offset that `about` names."""
-        (count, columns), (data, stride) = shape, self.view(about["bufferView"])
-        size, begin = kind.itemsize * columns, about.get("byteOffset", 0)
+        count, columns = shape
+        data, stride = self.view(about["bufferView"])
+        size = kind.itemsize * columns
+        begin = about.get("byteOffset", 0)
         stride = stride or size
         fits = 0 < count <= len(data) and begin >= 0 and size <= stride
         if not (fits and begin + stride * (count - 1) + size <= len(data)):
@@ -172,7 +179,8 @@ class Gltf:
         roots = self._item("scenes", self.json.get("scene", 0)).get("nodes", []) if scenes else None
         stack = [(k, np.eye(4)) for k in (sorted(set(range(len(nodes))) - children) if roots is None else roots)[::-1]]
         self.unread["other scene"] += max(len(scenes) - 1, 0)
-        placed, seen = [], set()
+        placed = []
+        seen = set()
         while stack:
             number, parent = stack.pop()
             if number in seen:
@@ -196,7 +204,8 @@ class Gltf:
 
         Raises a ValueError if there are more than `MAX_FACES`, or thrice as many vertices, before any is yielded.
         """
-        total, listed = 0, []
+        total = 0
+        listed = []
         for node, matrix in self.nodes:
             if "mesh" not in node:
                 continue
@@ -275,7 +284,8 @@ def _check_numbers(value: Any, path: str = "", owner: str = "") -> None:
 
 def _has_form(value: Any, count: str, kind: str) -> bool:
     """Return whether a value is what the first two words of a form of `_NUMBERS` say."""
-    values, kinds = [value] if count == "a" else value, (int,) if kind == "whole" else (int, float)
+    values = [value] if count == "a" else value
+    kinds = (int,) if kind == "whole" else (int, float)
     right = isinstance(values, list) and all(type(x) in kinds and math.isfinite(x) for x in values)
     return right and (not count.isdigit() or len(values) == int(count))
 

@@ -33,7 +33,9 @@ def from_trimesh(mesh: trimesh.Trimesh) -> Mesh:
     """
     if not len(getattr(mesh, "faces", ())):
         raise ValueError(f"mesh must be a trimesh.Trimesh with faces; got {mesh!r}")
-    vertices, faces, normals = np.asarray(mesh.vertices), np.asarray(mesh.faces), None
+    vertices = np.asarray(mesh.vertices)
+    faces = np.asarray(mesh.faces)
+    normals = None
     if "vertex_normals" in mesh._cache:
         normals = repair_normals(vertices, faces, np.array(mesh.vertex_normals))
     return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
@@ -148,7 +150,8 @@ def _load_plain_ply(data: bytes) -> Mesh | None:
     columns = {b"xyz": 3, b"xyznxnynz": 6}.get(re.sub(rb"property float|\s", b"", header[2])) if header else None
     if header is None or columns is None:
         return None
-    end, row = header.end() + 4 * columns * int(header[1]), np.dtype([("corners", "u1"), ("face", "<i4", 3)])
+    end = header.end() + 4 * columns * int(header[1])
+    row = np.dtype([("corners", "u1"), ("face", "<i4", 3)])
     if len(data) != end + row.itemsize * int(header[3]):
         return None
     faces = np.frombuffer(data, row, offset=end)
@@ -163,7 +166,8 @@ def _check_ply(header: str, body: bytes) -> None:
     """Raise a ValueError for an ASCII PLY file with too few lines, or with fractions in lists, which trimesh reads."""
     if "format ascii" not in header:
         return
-    lines, end = [line for line in body.splitlines() if line.strip()], 0
+    lines = [line for line in body.splitlines() if line.strip()]
+    end = 0
     for count, lists in re.findall(r"element \w+ (\d+)\s+(property list)?", header):
         begin, end = end, end + int(count)
         if end > len(lines):

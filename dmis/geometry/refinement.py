@@ -38,7 +38,8 @@ def bodies(mesh: Mesh) -> Floats:
     corner = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].ravel()[mesh.faces]
     label = connected_component_labels(np.concatenate([corner[:, :2], corner[:, 1:]]))[corner[:, 0]]
     order = np.argsort(label, kind="stable")
-    triangles, first = mesh.vertices[mesh.faces[order]], np.unique(label[order], return_index=True)[1]
+    triangles = mesh.vertices[mesh.faces[order]]
+    first = np.unique(label[order], return_index=True)[1]
     low, high = triangles.min(axis=1), triangles.max(axis=1)
     return np.stack([np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)], axis=1)
 
@@ -62,13 +63,15 @@ def refine_near_bodies(mesh: Mesh, boxes: Floats) -> Mesh:
     from trimesh.remesh import subdivide
 
     columns = [mesh.vertices, mesh.normals, mesh.uv]
-    rows, faces = np.concatenate([column for column in columns if column is not None], axis=1), mesh.faces
+    rows = np.concatenate([column for column in columns if column is not None], axis=1)
+    faces = mesh.faces
     while len(faces) <= MAX_SPLIT_TRIANGLES:
         large = _too_large(rows[:, :3][faces], small)
         if not large.any():
             break
         rows, faces = subdivide(rows, faces, np.flatnonzero(large))
-    normals, uv = (None if mesh.normals is None else rows[:, 3:6]), (None if mesh.uv is None else rows[:, -2:])
+    normals = None if mesh.normals is None else rows[:, 3:6]
+    uv = None if mesh.uv is None else rows[:, -2:]
     return Mesh(rows[:, :3], faces, normals, uv)
 
 
@@ -76,7 +79,8 @@ def _too_large(corners: Floats, small: Floats) -> np.ndarray:
     """Return whether triangles ``(F, 3, 3)`` are larger than `MAX_DIAGONALS` of a body and than its distance, (F,)."""
     size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     low, high = corners.min(axis=1)[:, None], corners.max(axis=1)[:, None]
-    fine, large = MAX_DIAGONALS * diagonals(small), np.zeros(len(corners), bool)
+    fine = MAX_DIAGONALS * diagonals(small)
+    large = np.zeros(len(corners), bool)
     for k in range(0, len(small), _BODIES_PER_BLOCK):
         body = small[k : k + _BODIES_PER_BLOCK]
         gap = np.linalg.norm(np.maximum(np.maximum(body[:, 0] - high, low - body[:, 1]), 0), axis=2)

@@ -64,7 +64,8 @@ def spherical(radius: float = 1, zmin: float | None = None, zmax: float | None =
     The heights default to the poles and are clamped to them. uv are pbrt's: azimuth, and polar angle from `zmin` to
     `zmax`.
     """
-    low, high = -positive("radius", radius) if zmin is None else zmin, radius if zmax is None else zmax
+    low = -positive("radius", radius) if zmin is None else zmin
+    high = radius if zmax is None else zmax
     bottom, top = (float(np.arccos(np.clip(z / radius, -1, 1))) for z in (low, high))
     if not bottom > top:
         raise ValueError(f"zmin must be below zmax on a sphere of radius {radius}, else it is empty; got {low}, {high}")

@@ -45,7 +45,8 @@ def loop_subdivide(vertices: npt.ArrayLike, faces: npt.ArrayLike, levels: int) -
     if levels > 12 or cage.triangles * 4**levels > MAX_SUBDIVIDED:  # 4**12 is the limit
         rule = f"at most {MAX_SUBDIVIDED} triangles, because each makes four of one"
         raise ValueError(f"levels must leave {rule}; got {levels} for {cage.triangles} triangles")
-    points, net = cage.vertices, _half_edges(cage.faces.astype(np.int64), len(cage.vertices))
+    points = cage.vertices
+    net = _half_edges(cage.faces.astype(np.int64), len(cage.vertices))
     for _ in range(levels):
         rule, net = _refine(net)
         points = rule @ points
@@ -73,10 +74,13 @@ class _HalfEdges:
 
         All vertices turn at once, one half-edge per step. On the boundary the first half-edge has no twin.
         """
-        start, edge = np.full(len(self.valence), -1), np.flatnonzero(self.twin < 0)
+        start = np.full(len(self.valence), -1)
+        edge = np.flatnonzero(self.twin < 0)
         start[self.tail] = np.arange(len(self.tail))
         start[self.tail[edge]] = edge
-        place, now, step = np.full(len(self.tail), -1), start[start >= 0], 0
+        place = np.full(len(self.tail), -1)
+        now = start[start >= 0]
+        step = 0
         while len(now):
             place[now] = step
             now = self.twin[np.where(now % 3 == 0, now + 2, now - 1)]
@@ -100,7 +104,8 @@ def _half_edges(faces: npt.NDArray[np.int64], count: int) -> _HalfEdges:
         rule = "meet at most two at an edge, and run through it in opposite directions"
         raise ValueError(f"faces must {rule}; not so at edge {edge}")
     place = np.searchsorted(ordered, back).clip(max=len(order) - 1)
-    twin, rim = np.where(ordered[place] == back, order[place], -1), np.zeros(count, np.bool_)
+    twin = np.where(ordered[place] == back, order[place], -1)
+    rim = np.zeros(count, np.bool_)
     rim[tail[twin < 0]] = True
     net = _HalfEdges(faces, twin, tail, head, np.bincount(tail, minlength=count) + rim, rim)
     loose = net.places() < 0
@@ -124,7 +129,9 @@ def _vertex_rule(net: _HalfEdges, inside: Floats, boundary: float) -> Any:
     """Return the sparse matrix (V, V) that weights neighbours by `inside` (V,), two on the boundary by `boundary`."""
     import scipy.sparse as sp  # imported where used: it takes a third of a second
 
-    ring, edge, count = ~net.rim[net.tail], net.twin < 0, len(net.valence)
+    ring = ~net.rim[net.tail]
+    edge = net.twin < 0
+    count = len(net.valence)
     a, b = net.tail[edge], net.head[edge]
     row, column = np.concatenate([net.tail[ring], a, b]), np.concatenate([net.head[ring], b, a])
     weight = np.concatenate([inside[net.tail[ring]], np.full(2 * len(a), boundary)])
@@ -136,11 +143,15 @@ def _refine(net: _HalfEdges) -> tuple[Any, _HalfEdges]:
     """Return the sparse matrix (V + E, V) from points to those of the next level, and the half-edges of that level."""
     import scipy.sparse as sp  # imported where used: it takes a third of a second
 
-    faces, twin, count, edge = net.faces, net.twin, len(net.valence), net.twin < 0
+    faces = net.faces
+    twin = net.twin
+    count = len(net.valence)
+    edge = net.twin < 0
     owner = edge | (np.arange(len(twin)) < twin)  # one half-edge of each edge, which gets its number from it
     number = np.cumsum(owner) - 1
     number = np.where(owner, number, number[twin])
-    edges, ring = int(owner.sum()), ~edge
+    edges = int(owner.sum())
+    ring = ~edge
     row = np.concatenate([number[ring], number[ring], number[edge], number[edge]])
     column = np.concatenate([net.tail[ring], _turn(faces, 2)[ring], net.tail[edge], net.head[edge]])
     weight = np.repeat([3 / 8, 1 / 8, 1 / 2], [ring.sum(), ring.sum(), 2 * edge.sum()])
@@ -180,7 +191,8 @@ def _tangent_masks(valence: int) -> npt.NDArray[np.complex128]:
     """
     n, k = np.arange(valence + 1)[:, None], np.arange(valence + 1)
     inside = np.exp(2j * np.pi * k / np.maximum(n, 1))
-    theta, end = np.pi / np.maximum(n - 1, 1), (k == 0) | (k == n - 1)
+    theta = np.pi / np.maximum(n - 1, 1)
+    end = (k == 0) | (k == n - 1)
     inwards = np.where(end, -np.sin(theta), 2 * (1 - np.cos(theta)) * np.sin(k * theta))
     for few, at_end, between in ((2, 1, 0), (3, 0, 1), (4, -1, 2)):
         inwards[few : few + 1] = np.where(end, at_end, between)[few : few + 1]

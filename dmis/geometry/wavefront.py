@@ -47,7 +47,8 @@ def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
     names = {name: number for number, name in enumerate(dict.fromkeys(used))}
     material = np.array([names[name] for name in used])[np.searchsorted(uses, rows)]
     libraries = tuple(dict.fromkeys(" ".join(lines[k].split()[1:]) for k in np.flatnonzero(heads == "mtllib")))
-    corners, material = corners[_triangles(sides, positions[corners[:, 0]])], np.repeat(material, sides - 2)
+    corners = corners[_triangles(sides, positions[corners[:, 0]])]
+    material = np.repeat(material, sides - 2)
     meshes = {name: _mesh(tables, corners[material == names[name]]) for name in names if names[name] in material}
     return meshes, libraries, coloured
 
@@ -111,7 +112,9 @@ def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints, Ints]:
     corners = np.full_like(written, -1)
     for j, (head, what) in enumerate((("v", "vertex"), ("vt", "texture coordinate"), ("vn", "normal"))):
         above = np.cumsum(heads == head)
-        index, here, count = written[:, j], above[row], above[-1]
+        index = written[:, j]
+        here = above[row]
+        count = above[-1]
         if j and not count:
             continue
         absolute = np.where(index < 0, index + here, index - 1)
@@ -131,7 +134,8 @@ def _triangles(sides: Ints, points: Floats) -> Ints:
     They are the fan (0, 1, 2), (0, 2, 3), ..., or `_ears` where one of it is wound against its polygon.
     """
     count, begin = sides - 2, np.cumsum(sides) - sides
-    polygon, place = np.repeat(np.arange(len(sides)), count), np.cumsum(count) - count
+    polygon = np.repeat(np.arange(len(sides)), count)
+    place = np.cumsum(count) - count
     second = np.arange(count.sum()) - place[polygon] + begin[polygon] + 1
     triangles = np.stack([begin[polygon], second, second + 1], axis=1)
     a, b, c = np.moveaxis(points[triangles], 1, 0)
@@ -147,7 +151,8 @@ def _triangles(sides: Ints, points: Floats) -> Ints:
 
 def _ears(points: Floats, normal: Floats) -> Ints:
     """Return triangles of one polygon (N, 3), cut off at corners in which no other one is, (N - 2, 3)."""
-    left, ears = list(range(len(points))), []
+    left = list(range(len(points)))
+    ears = []
     while len(left) > 3:
         for k, b in enumerate(left):
             a, c = left[k - 1], left[(k + 1) % len(left)]
@@ -178,7 +183,8 @@ def _mesh(tables: tuple[Floats, Floats, Floats], corners: Ints) -> Mesh:
         _, key = np.unique(key * (corners[..., j].max() + 2) + corners[..., j].ravel() + 1, return_inverse=True)
     _, first, faces = np.unique(key, return_index=True, return_inverse=True)
     a, b, c = corners.reshape(-1, 3)[first].T
-    vertices, faces = positions[a], faces.reshape(-1, 3)
+    vertices = positions[a]
+    faces = faces.reshape(-1, 3)
     return Mesh(
         vertices,
         faces,

@@ -104,7 +104,8 @@ class Pieces:
     @cached_property
     def proxies(self) -> tuple[Array, Index]:
         """Corners of the triangles of all proxies, ``(T, 3, 3)`` float64, and the piece of each, ``(T,)``."""
-        triangles, owner = [], []
+        triangles = []
+        owner = []
         for shape, proxy in _PROXIES.items():
             index = np.flatnonzero(self.shape == shape)
             axes = self.rows[3:, index].astype(float).reshape(3, 3, -1)[: proxy.shape[-1]]
@@ -189,9 +190,12 @@ class Pieces:
 
     def _nearest(self, p: Array, wi: Array) -> tuple[Array, Index]:
         """Return the distance ``(N,)`` and the number ``(N,)``, or -1, of the first piece along each direction."""
-        owner, rough = self.proxies[1], (self.shape == DISK) | (self.shape == SPHERE)
-        nearest, met = np.full(wi.shape[1], np.inf, np.float32), np.full(wi.shape[1], -1)
-        ray, start = np.arange(wi.shape[1]), np.zeros(wi.shape[1], np.float32)
+        owner = self.proxies[1]
+        rough = (self.shape == DISK) | (self.shape == SPHERE)
+        nearest = np.full(wi.shape[1], np.inf, np.float32)
+        met = np.full(wi.shape[1], -1)
+        ray = np.arange(wi.shape[1])
+        start = np.zeros(wi.shape[1], np.float32)
         while len(ray):
             w = take(wi, ray)
             hits = self._caster.closest(take(p, ray) + w * start, w)
@@ -202,7 +206,8 @@ class Pieces:
             again = np.flatnonzero(rough.take(piece))
             reach[again] = self._distance(piece.take(again), take(p, ray.take(again)), take(wi, ray.take(again)))
             closer = np.flatnonzero(reach < nearest.take(ray))
-            nearest[ray.take(closer)], met[ray.take(closer)] = reach.take(closer), piece.take(closer)
+            nearest[ray.take(closer)] = reach.take(closer)
+            met[ray.take(closer)] = piece.take(closer)
             ray, start = ray.take(again), start.take(again)
         return nearest, met
 
@@ -219,7 +224,8 @@ class Pieces:
         sphere = self.shape.take(piece) == SPHERE
         if sphere.any():
             sample = sphere_light_hit(wi, to, radius2, rows[13:])
-            distance, is_hit = np.where(sphere, sample.distance, distance), np.where(sphere, sample.emits, is_hit)
+            distance = np.where(sphere, sample.distance, distance)
+            is_hit = np.where(sphere, sample.emits, is_hit)
         return np.where(is_hit, distance, np.float32(np.inf))
 
 

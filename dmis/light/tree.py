@@ -80,7 +80,9 @@ class TreeSelection:
 
     def select(self, p: Array, ng: Array | None, u: Array) -> tuple[Index, Array, Array]:
         """See `dmis.light.selection.Selection.select`."""
-        piece, probability, rest = np.empty(len(u), np.int64), np.empty(len(u), np.float32), np.empty(len(u))
+        piece = np.empty(len(u), np.int64)
+        probability = np.empty(len(u), np.float32)
+        rest = np.empty(len(u))
         for block, cell, tables in self._cells(p, ng, len(u)):
             node, of_node, v = _pick(tables, cell, u[block])
             place, within, rest[block] = _pick(self._within, node, v)
@@ -90,7 +92,8 @@ class TreeSelection:
 
     def probability(self, p: Array, ng: Array | None, piece: Index) -> Array:
         """See `dmis.light.selection.Selection.probability`."""
-        node, probability = self._node.take(piece), np.empty(len(piece), np.float32)
+        node = self._node.take(piece)
+        probability = np.empty(len(piece), np.float32)
         for block, cell, tables in self._cells(p, ng, len(piece)):
             probability[block] = _interval(tables, cell, node[block])[1] / np.float32(tables[0].shape[1])
         width = _interval(self._within, node, self._place.take(piece))[1]
@@ -99,7 +102,8 @@ class TreeSelection:
     def _forget(self) -> None:
         """Begin without tables."""
         self._table = np.zeros((CELLS * BINS) ** 3, np.int32)  # number of each cell's table; 0: there is none yet
-        self._tables, self._count = _slot_tables(np.zeros((1, len(self._first))), max(4096, 4 * len(self._first))), 1
+        self._tables = _slot_tables(np.zeros((1, len(self._first))), max(4096, 4 * len(self._first)))
+        self._count = 1
 
     def _cells(self, p: Array, ng: Array | None, count: int) -> Iterator[tuple[slice, Index, Tables]]:
         """Yield parts of `count` receivers, the numbers of their tables, and all tables."""
@@ -157,7 +161,9 @@ class TreeSelection:
         size = np.linalg.norm(corners[..., 1] - corners[..., 0], axis=0)[:, None] / 2
         n = place[3:] - BINS // 2
         length = np.linalg.norm(n, axis=0)
-        centre, axis, (radius, s, intensity) = self._rows[:3, None], self._rows[3:6, None], self._rows[6:]
+        centre = self._rows[:3, None]
+        axis = self._rows[3:6, None]
+        radius, s, intensity = self._rows[6:]
         radius = radius + (1 + MARGIN) * size
         to = centre - corners.mean(axis=2, keepdims=True)
         distance = np.sqrt(dot(to, to))
@@ -171,7 +177,8 @@ class TreeSelection:
 
 def _slot_tables(weight: Array, slots: int) -> Tables:
     """Return distributions in proportion to weights ``(M, K)``, rounded; each that is not 0 has a slot at least."""
-    positive, total = weight > 0, np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    positive = weight > 0
+    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     shared = (slots - positive.sum(axis=1, keepdims=True)) / total
     first = np.zeros((len(weight), weight.shape[1] + 1), np.int64)
     first[:, 1:] = np.floor(np.cumsum(weight, axis=1) * shared + 0.5) + np.cumsum(positive, axis=1)
@@ -183,7 +190,8 @@ def _slot_tables(weight: Array, slots: int) -> Tables:
 
 def _pick(tables: Tables, table: Index, u: Array) -> tuple[Index, Array, Array]:
     """Return outcomes by the numbers `u` ``(N,)``, their probabilities, and the numbers stretched to [0, 1) again."""
-    outcomes, slots = tables[0].ravel(), tables[0].shape[1]
+    outcomes = tables[0].ravel()
+    slots = tables[0].shape[1]
     along = u * slots
     outcome = outcomes.take(table * slots + along.astype(np.int64)).astype(np.int64)
     first, number = _interval(tables, table, outcome)
@@ -194,7 +202,8 @@ def _pick(tables: Tables, table: Index, u: Array) -> tuple[Index, Array, Array]:
 
 def _interval(tables: Tables, table: Index, outcome: Index) -> tuple[Array, Array]:
     """Return the first slots and the numbers of slots of outcomes, ``(N,)`` each."""
-    first, at = tables[1].ravel(), table * tables[1].shape[1] + outcome
+    first = tables[1].ravel()
+    at = table * tables[1].shape[1] + outcome
     begin = first.take(at)
     return begin, first.take(at + 1) - begin
 

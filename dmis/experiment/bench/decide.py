@@ -38,7 +38,8 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     ValueError
         If the rule is not right, or needs samples or settings that pilots do not have.
     """
-    text, (shape, *_) = rule_text(rule), (table.shape for table in pilots.tables.values())
+    text = rule_text(rule)
+    shape, *_ = (table.shape for table in pilots.tables.values())
     if callable(rule) and not isinstance(rule, type):
         result = rule(pilots.tables)
         maps = result if isinstance(result, tuple) and len(result) == 2 else (result,)
@@ -57,7 +58,8 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     if reason := rule.fallback(SPP):
         raise ValueError(f"rule {text} must learn at {SPP} samples per pixel, the budget here; got: {reason}")
     rounds = rule.rounds(Budget(SPP, shape, settings, seed, rule.weigh or settings.weigh))
-    film, used = None, Counter[float]()
+    film = None
+    used = Counter[float]()
     while (round_ := next_round(rounds, film)) is not None:
         if round_.stage == "final":
             return round_
@@ -68,8 +70,10 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
 def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pilot:
     """Return the film of a round, of samples that no other film has; `used` counts these by w."""
     n, s, shares = round_.spp, round_.settings.shading_samples, (round_.shares, round_.tilt)
-    w, same = float(round_.shares.flat[0]), all(a is None or a.ndim == 1 for a in shares)
-    table, begin = pilots.tables.get(w), used[w]
+    w = float(round_.shares.flat[0])
+    same = all(a is None or a.ndim == 1 for a in shares)
+    table = pilots.tables.get(w)
+    begin = used[w]
     if not isinstance(n, int) or not same or table is None or begin + n > table.spp or s > table.shading_samples:
         available = ", ".join(
             f"{t.spp} of {t.shading_samples} shading samples at {w:g}" for w, t in pilots.tables.items()
@@ -81,7 +85,8 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
     if round_.needs_features == "pixels":
         raise ValueError(f"rule {text} needs features of pixels; pilots have those of patches. Measure it by compare")
     used[w] += n
-    part, tilt = _part(table, begin, n, s), None if round_.tilt is None else float(round_.tilt[0])
+    part = _part(table, begin, n, s)
+    tilt = None if round_.tilt is None else float(round_.tilt[0])
     radiance = part.radiance(tilt).astype(np.float32)
     moments = Moments.of(radiance)
     film = Film(n, moments.mean.astype(np.float32), np.sqrt(moments.m2).astype(np.float32))
@@ -95,10 +100,12 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
 
 def _part(table: SampleTable, begin: int, n: int, s: int) -> SampleTable:
     """Return `n` camera samples from number `begin` on, with the first of their samples of each technique, s in all."""
-    number, w = table.camera_sample.astype(int) - begin, float(table.w[0])
+    number = table.camera_sample.astype(int) - begin
+    w = float(table.w[0])
     most = np.array([1, s * w, s * (1 - w)])[table.technique + 1]
     kept = (number >= 0) & (number < n) & (table.sample_index < most)
-    part, share = replace(table, camera_sample=number).rows(kept), s / table.shading_samples
+    part = replace(table, camera_sample=number).rows(kept)
+    share = s / table.shading_samples
     scale = np.where(part.technique < 0, 1 / share, 1).astype(np.float32)  # p_l = p_b = 1 / S
     kinds = (LIGHT.rays, BRDF.rays)
     rays = {kind: round(n * share) if kind.startswith(kinds) else n for kind, n in table.rays.items()}
@@ -108,8 +115,10 @@ def _part(table: SampleTable, begin: int, n: int, s: int) -> SampleTable:
 def _records(table: SampleTable, tilt: float | None) -> list[Record]:
     """Return the shading samples of a table as a statistic takes them."""
     values: Array = table.estimates(tilt).T.astype(np.float32)
-    sample, pdf = table.place(), np.stack([table.p_l, table.p_b])
-    labels, records = np.stack([table.technique, table.light, table.sample_index]), []
+    sample = table.place()
+    pdf = np.stack([table.p_l, table.p_b])
+    labels = np.stack([table.technique, table.light, table.sample_index])
+    records = []
     for label in np.unique(labels[:, table.technique >= 0], axis=1).T:
         at = np.flatnonzero((labels == label[:, None]).all(axis=0))
         technique, light, index = label.tolist()
