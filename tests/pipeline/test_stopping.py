@@ -85,6 +85,13 @@ def test_noise_by_hand() -> None:
         assert stop.job.notes["noise"] == pytest.approx(np.sqrt(noise))
 
 
+@pytest.mark.parametrize(("pilot", "most", "spp"), [(30, 128, 32), (32, 128, 64), (32, 48, 48), (32, 20, 20)])
+def test_first_rounds_have_more_samples_than_the_pilot(pilot: int, most: int, spp: int) -> None:
+    """32 samples per pixel, doubled while the pilot takes all of them, and never more than the most."""
+    rule = "auto" if most < 32 else f"second-moment:spp={pilot}"
+    assert resolve(glossy((4, 4)), rule, most, 0, dmis.Settings(), doubling=True).spp == spp
+
+
 def test_stops_at_the_noise_and_goes_on_from_there(tmp_path: Path) -> None:
     """A larger noise stops earlier; its checkpoint goes on to a smaller one, bit by bit as in one render."""
     scene, options = glossy(), {"seed": 1, "sampler": "sobol"}
