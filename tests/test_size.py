@@ -18,7 +18,7 @@ LINES = {"dmis": 28_000, "tests": 28_400}
 """Lines of Python files."""
 WORDS = 44_000
 """Words of the pages, tables included."""
-LEAST_DOCSTRINGS = 0.235
+LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
 LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
