@@ -79,6 +79,7 @@ from dmis.scene.suggestions import Suggestions as Suggestions
 from dmis.testing.light import check_light as check_light
 from dmis.testing.lobe import check_lobe as check_lobe
 from dmis.testing.rule import check_rule as check_rule
+from dmis.testing.sampler import check_sampler as check_sampler
 from dmis.testing.technique import check_technique as check_technique
 
 __version__: str

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 28_000, "tests": 28_400}
+LINES = {"dmis": 28_200, "tests": 28_400}
 """Lines of Python files."""
 WORDS = 44_000
 """Words of the pages, tables included."""

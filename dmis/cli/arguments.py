@@ -205,8 +205,8 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "--rules": _flag("list the rules, with the options of each"),
         "--scenes": _flag("list the scenes that come with dmis"),
     }),
-    "check": ("check lobes, lights, techniques and rules of your own", {
-        "file": _option("Python file that defines lobes, lights, techniques or rules", metavar="FILE.py"),
+    "check": ("check lobes, lights, techniques, rules and samplers of your own", {
+        "file": _option("Python file that defines lobes, lights, techniques, rules or samplers", metavar="FILE.py"),
         "--albedo": _option(
             "largest channel of the albedo that a lobe must have: one number, or four separated by commas, for wo at "
             "0, 35, 70 and 85 degrees (default: any, at most 1)", ALBEDO, (), metavar="A",

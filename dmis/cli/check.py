@@ -1,4 +1,4 @@
-"""The command ``check``: a user's own lobes, lights, techniques and rules."""
+"""The command ``check``: a user's own lobes, lights, techniques, rules and samplers."""
 
 from __future__ import annotations
 

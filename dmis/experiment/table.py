@@ -67,6 +67,7 @@ def conditions(
         "reference": halves.hexdigest()[:16],
         "crop": None if crop is None else list(crop),
         "parallel": describe_parallel(parallel),
+        **sampling_hashes(vars(settings)),
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()},
     }
 
@@ -113,7 +114,7 @@ class Results:
         if reference is not None:  # (x - r1)(x - r2) is least where x is the mean of both
             window = reference.cropped(self._area)
             self._least |= {"mse": mse(window.mean, window), "relmse": relmse(window.mean, window)}
-        self.about = {**about, "rules": {rule: _rule_hash(rule, about) for rule in rules}}
+        self.about = {**about, "rules": {rule: _rule_hash(rule) for rule in rules}}
         folder.mkdir(parents=True, exist_ok=True)
         self.runs = self._read() if self._path.exists() else []
         lines = [_line(COLUMNS), *map(self._row, self.runs)]
@@ -215,10 +216,10 @@ class Results:
         return ValueError(f"{self._path} {reason}; remove it, or choose another directory")
 
 
-def _rule_hash(text: str, about: Mapping[str, Any]) -> str:
-    """Return a hash of a rule's options, and of code that dmis does not ship: its class, sampler and techniques."""
+def _rule_hash(text: str) -> str:
+    """Return a hash of a rule's options, and of code that dmis does not ship: its class, own sampler and techniques."""
     rule = make_rule(text)
-    return digest([rule, sampling_hashes({**about, **rule.settings})], f"rule {text}")
+    return digest([rule, sampling_hashes({"techniques": (), **rule.settings})], f"rule {text}")
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""The lobes, lights, techniques and rules that a module of a user's own defines."""
+"""The lobes, lights, techniques, rules and samplers that a module of a user's own defines."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from dmis.estimator.technique import TECHNIQUES, Technique
 from dmis.fit.registry import RULES
 from dmis.fit.rule import Rule
 from dmis.light.light import Light
+from dmis.samplers.streams import SAMPLERS
 from dmis.testing.light import check_light
 from dmis.testing.lobe import check_lobe
 from dmis.testing.outcome import Outcome
 from dmis.testing.rule import check_rule
+from dmis.testing.sampler import check_sampler
 from dmis.testing.technique import check_technique
 
 RECOGNISED = (
     "classes that derive from Lobe, DeltaLobe, AreaLight, InfiniteLight, DeltaLight or dmis.Rule and whose fields all "
-    "have defaults; objects of such classes, dmis.Material and dmis.Technique; registered rules and techniques"
+    "have defaults; objects of such classes, dmis.Material and dmis.Technique; rules, techniques and samplers that are "
+    "registered"
 )
 _KINDS: dict[str, type] = {"lobe": Lobe, "light": Light, "technique": Technique, "rule": Rule}
 _SHIPPED = tuple(TECHNIQUES.values())
@@ -30,7 +33,7 @@ _SHIPPED = tuple(TECHNIQUES.values())
 
 @dataclass(frozen=True)
 class Subject:
-    """What can be checked, or the name of a registered rule, of a kind of `_KINDS`; or why a class cannot."""
+    """What can be checked, or the name of a registered rule or sampler; or why a class cannot."""
 
     name: str
     kind: str
@@ -45,7 +48,9 @@ class Subject:
             return check_lobe(self.item, self.name, albedo)
         if self.kind == "technique":
             return check_technique(self.item)
-        return (check_light if self.kind == "light" else check_rule)(self.item, self.name)
+        if self.kind == "light":
+            return check_light(self.item, self.name)
+        return (check_sampler if self.kind == "sampler" else check_rule)(self.item, self.name)
 
 
 def find(module: ModuleType) -> list[Subject]:
@@ -53,8 +58,8 @@ def find(module: ModuleType) -> list[Subject]:
 
     Recognised are objects that are variables of the module: lobes, the lobes of materials, lights, techniques, rules;
     classes defined in the module, with the defaults of their fields, unless one of those objects is of the class; and
-    the rules and techniques that the module registers. Names that begin with an underscore, and what is imported, are
-    left out.
+    the rules, techniques and samplers that the module registers. Names that begin with an underscore, and what is
+    imported, are left out.
     """
     variables = {name: value for name, value in vars(module).items() if not name.startswith("_")}
     subjects: list[Subject] = []
@@ -66,7 +71,10 @@ def find(module: ModuleType) -> list[Subject]:
 
     for name, item in _items(variables):
         add(name, item)
-    rules = {name: cls for name, cls in RULES.items() if getattr(cls, "__module__", "") == module.__name__}
+    rules, samplers = (
+        {name: cls for name, cls in table.items() if getattr(cls, "__module__", "") == module.__name__}
+        for table in (RULES, SAMPLERS)
+    )
     used = {type(item) for _, item in _items(vars(module))} | set(rules.values())
     for name, cls in variables.items():
         if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
@@ -78,7 +86,7 @@ def find(module: ModuleType) -> list[Subject]:
     subjects += [Subject(name, "rule", name) for name in rules]
     for technique in TECHNIQUES.values():
         add(technique.name, technique)
-    return subjects
+    return subjects + [Subject(name, "sampler", name) for name in samplers]
 
 
 def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -59,6 +59,7 @@ again = replace(BRDF, name="again", rays="again")
 dmis.register_technique(again)
 dmis.register_technique(replace(again, name="hidden", rays="hidden", pdf=lambda s, d, p: BRDF.pdf(s, d, p)))
 dmis.register_rule("third", Third)
+dmis.register_sampler("mine", lambda block: None)
 _private = Lambert(0.5)
 """
 
@@ -99,16 +100,16 @@ def test_what_is_recognised(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Objects, classes with defaults, registered names; others fail with the reason, and the exit code is 1."""
-    for name in ("lobe", "light", "technique", "rule"):
+    for name in ("lobe", "light", "technique", "rule", "sampler"):
         monkeypatch.setattr(
             f"dmis.testing.find.check_{name}", lambda item, label="", *_: [Outcome(str(label), True, "")]
         )
     assert main(["check", write(tmp_path, DUST + MORE)]) == 1
     *lines, last = capsys.readouterr().out.splitlines()
-    assert last == "2 of 9 checks failed"
+    assert last == "2 of 10 checks failed"
     assert [line for line in lines if not line.startswith(("ok", "FAILED"))] == [
         "light lamp", "lobe paint.lobes[0]", "lobe paint.lobes[1]", "technique again", "lobe Tinted", "lobe Broken",
-        "rule Other", "rule third", "technique hidden",
+        "rule Other", "rule third", "technique hidden", "sampler mine",
     ]  # fmt: skip
     assert [line for line in lines if line.startswith("FAILED")] == [
         "FAILED  Tinted: an object of the class: TypeError: Tinted.__init__() missing 2 required positional arguments: "

@@ -1,0 +1,217 @@
+"""Checks of a sampler: uniform numbers, none of them twice, independent dimensions, batches and selections.
+
+Chi-square tests on 64 cells hold for independent numbers, and for structured ones, whose pixels are independent and
+spread more evenly than by chance. Within a pixel the numbers of two dimensions may each be even, and still go through
+their points in one order: that is found by the pairs of both, see `dmis.samplers.streams`.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+
+import numpy as np
+
+from dmis.base.vectors import Array, Selection, size
+from dmis.fit.fixed import Fixed
+from dmis.samplers.pixel_block import CONTINUE, LENS, PixelBlock
+from dmis.samplers.streams import SAMPLERS, BlockSampler, RoundingSampler, Sampler, SamplerFactory, stream
+from dmis.testing.outcome import Check, Fault, Outcome, run_checks
+from dmis.testing.scenes import box_scene, compare_means
+from dmis.testing.statistics import chi2_p, level, z_limit
+
+PIXELS = 1024
+"""Pixels of the tile that the sampler serves."""
+SPP = 64
+"""Camera samples of each pixel."""
+PATH = ("camera", (LENS,), (CONTINUE,), (CONTINUE, 0, 0, 0))
+"""Dimensions of a path, which must be independent: place in the pixel and on the lens, direction, light sample."""
+KEYS = (*PATH, (0, 0, 0))
+"""And a light sample at the first surface, whose value is added to that of the path: it may go in its order."""
+LEVEL = level(56)
+"""Of each test: there are at most 56 chi-square tests of uniform numbers, and 24 of pairs of dimensions."""
+ONE_ORDER = 30.0
+"""Chi-square of 64 pairs in 16 cells, on average over coordinates, from which on two dimensions go in one order.
+
+It is 15 for independent ones, at most 16 for the shipped samplers, 96 for a (0, 2)-sequence in one order, 55 for R2.
+"""
+REPEATED = 0.02
+"""Largest share of equal numbers; by chance it is 0.001 among 64 numbers of 16 binary digits."""
+
+
+def check_sampler(factory: SamplerFactory | str, name: str = "") -> list[Outcome]:
+    """Check a sampler by what `dmis.samplers.streams.Sampler` promises, and `BlockSampler` and `RoundingSampler`.
+
+    Parameters
+    ----------
+    factory
+        Class or function that makes the sampler of a `dmis.samplers.pixel_block.PixelBlock`, or a registered name.
+    name
+        For messages. Default: that of the class, or the registered one.
+
+    Returns
+    -------
+    list of Outcome
+        One for each check. A right sampler fails any of them with a probability of 1e-4.
+    """
+    name = name or (factory if isinstance(factory, str) else getattr(factory, "__name__", repr(factory)))
+
+    def prepare() -> list[Check]:
+        make = SAMPLERS[factory] if isinstance(factory, str) else factory
+        numbers = _numbers(make)
+        in_batches = _numbers(make, batches=2)
+        return [
+            ("numbers are uniform", lambda: _check_uniform([numbers, in_batches])),
+            ("no number is repeated", lambda: _check_repeated([numbers, in_batches])),
+            ("dimensions of a path are independent", lambda: _check_independent(numbers)),
+            ("numbers depend on the block alone", lambda: _check_reproducible(make, numbers)),
+            ("index selects from the batch", lambda: _check_selections(make)),
+            *([("rounding", lambda: _check_rounding(make))] if isinstance(_sampler(make), RoundingSampler) else []),
+            ("renders agree with independent numbers", lambda: _check_renders(make, name)),
+        ]
+
+    return run_checks(name, "form of its numbers", prepare)
+
+
+def _sampler(make: SamplerFactory, seed: int = 0) -> Sampler:
+    """Return a sampler of `PIXELS` pixels with two shading samples for each of `SPP` camera samples."""
+    return make(PixelBlock(stream(seed, 0, 0), seed, np.arange(PIXELS), [SPP], 2))
+
+
+def _checked(u: Array, count: int, call: str) -> Array:
+    """Return the numbers of a call; raise a Fault unless they are ``(2, count)`` float32 in [0, 1)."""
+    if not isinstance(u, np.ndarray) or u.shape != (2, count) or u.dtype != np.float32:
+        got = f"{u.dtype} {u.shape}" if isinstance(u, np.ndarray) else type(u).__name__
+        raise Fault(f"{call} must return two numbers for each point, float32 (2, {count}); got {got}")
+    outside = u[~((u >= 0) & (u < 1))]
+    if len(outside):
+        raise Fault(f"{call} must return numbers in [0, 1); got {outside[0]:g}. np.minimum(u, 1 - 2**-24) excludes 1")
+    return u
+
+
+def _numbers(make: SamplerFactory, seed: int = 0, batches: int = 1) -> dict[str, Array]:
+    """Return the numbers of each kind of draw, ``(2, n, PIXELS)`` for n samples; several batches reverse the pixels."""
+    sampler = _sampler(make, seed)
+    numbers: dict[tuple[str, int], Array] = {}
+    for batch in np.split(np.arange(SPP), batches):
+        pixel = np.tile(np.arange(PIXELS)[:: 1 if batches == 1 else -1], len(batch))
+        number = np.repeat(batch, PIXELS)
+        sampler.start(pixel, number)
+        drawn = [(f"draw({key!r}, None)", 0, sampler.draw(key, None)) for key in KEYS]
+        for i in range(2):  # two samples of a technique in each camera sample
+            drawn.append(("draw((1, 0), None, number)", i, sampler.draw((1, 0), None, 2 * number + i)))
+            if isinstance(sampler, BlockSampler):
+                drawn.append(("draw_block((2, 0), None, sample, 2)", i, sampler.draw_block((2, 0), None, i, 2)))
+        for call, i, u in drawn:
+            place = numbers.setdefault((call, i), np.empty((2, SPP, PIXELS), np.float32))
+            place[:, number, pixel] = _checked(u, len(pixel), call)
+    calls = dict.fromkeys(call for call, _ in numbers)
+    return {call: np.concatenate([u for (of, _), u in numbers.items() if of == call], axis=1) for call in calls}
+
+
+def _p(*u: Array) -> float:
+    """Return the p-value of numbers, or of the pairs of two arrays, against a uniform density on 64 cells."""
+    if len(u) == 1:
+        cell = (64 * u[0]).astype(int)
+    else:
+        cell = 8 * (8 * u[0]).astype(int) + (8 * u[1]).astype(int)
+    return chi2_p(np.bincount(cell.ravel(), minlength=64), np.full(64, cell.size / 64))
+
+
+def _check_uniform(views: list[dict[str, Array]]) -> str:
+    """Raise a Fault unless numbers and their pairs are uniform, also those of the first samples of pixels."""
+    least = 1.0
+    for call, (x, y) in (item for numbers in views for item in numbers.items()):
+        tests = {"first numbers": (x,), "second numbers": (y,), "pairs": (x, y), "first pairs of pixels": (x[0], y[0])}
+        for text, u in tests.items():
+            p = _p(*u)
+            least = min(least, p)
+            if p <= LEVEL:
+                raise Fault(f"{call}: {text} are not uniform (p = {p:.1g}, mean {u[0].mean():.3f})")
+    return f"least p of chi-square {least:.2g}"
+
+
+def _check_repeated(views: list[dict[str, Array]]) -> str:
+    """Raise a Fault if camera samples, pixels or dimensions have the same numbers."""
+    for numbers in views:
+        # (n, PIXELS): the numbers of a pixel in ascending order, whichever sample has them
+        rows = {f"{call}[{k}]": np.sort(u[k], axis=0) for call, u in numbers.items() for k in (0, 1)}
+        for name, row in rows.items():
+            for text, same in (("samples of a pixel", row[1:] == row[:-1]), ("pixels", row[:, 1:] == row[:, :-1])):
+                if same.mean() > REPEATED:
+                    raise Fault(f"{name}: {text} have the same numbers ({same.mean():.0%} of them)")
+        for (name, row), (other, other_row) in combinations(rows.items(), 2):
+            if row.shape == other_row.shape and (row == other_row).mean() > REPEATED:
+                raise Fault(f"{name} and {other} are the same numbers; each key needs its own")
+    return f"{sum(u.size for u in views[0].values()):,} numbers"
+
+
+def _check_independent(numbers: dict[str, Array]) -> str:
+    """Raise a Fault if numbers of two dimensions of a path depend on each other, over pixels or within them."""
+    largest = 0.0
+    for (a, x), (b, y) in combinations(list(numbers.items())[: len(PATH)], 2):
+        chi2 = []
+        for i, j in product((0, 1), (0, 1)):
+            p = _p(x[i, 0], y[j, 0])
+            if p <= LEVEL:
+                raise Fault(f"{a}[{i}] and {b}[{j}] of the first samples of pixels depend on each other (p = {p:.1g})")
+            # sum (observed - expected)^2 / expected over 4 x 4 cells of the pairs of a pixel, on average over pixels
+            cell = 4 * (4 * x[i]).astype(int) + (4 * y[j]).astype(int) + 16 * np.arange(PIXELS)
+            counts = np.bincount(cell.ravel(), minlength=16 * PIXELS)
+            chi2.append(np.square(counts - SPP / 16).sum() / (SPP / 16) / PIXELS)
+        largest = max(largest, float(np.mean(chi2)))
+        if largest > ONE_ORDER:
+            raise Fault(
+                f"{a} and {b} go through their points in one order, so that pairs of both stay on lines (chi-square "
+                f"{largest:.0f} in place of 15): permute the order for each key"
+            )
+    return f"largest chi-square within pixels {largest:.1f}; 15 if independent"
+
+
+def _check_reproducible(make: SamplerFactory, numbers: dict[str, Array]) -> str:
+    """Raise a Fault if a second sampler of a block has other numbers, or one of another seed the same."""
+    again = _numbers(make)
+    other = _numbers(make, seed=1)
+    for call, u in numbers.items():
+        if not np.array_equal(u, again[call]):
+            raise Fault(f"{call} differs between two samplers of one block: take random numbers from block.rng alone")
+        if (u == other[call]).mean() > REPEATED:
+            raise Fault(f"{call} is the same with another seed: make numbers from block.rng or block.seed")
+    return "equal for equal blocks, different for seeds 0 and 1"
+
+
+def _check_selections(make: SamplerFactory) -> str:
+    """Raise a Fault if `index` selects other numbers than those of its camera samples; only counted if random."""
+    sampler = _sampler(make)
+    pixel = np.arange(PIXELS)
+    sampler.start(pixel, np.zeros(PIXELS, np.int64))
+    selections: tuple[Selection, ...] = (slice(5, 900), np.array([7, 3, 1000]))
+    for key, index in product(KEYS, selections):
+        u = _checked(sampler.draw(key, index), size(index, PIXELS), f"draw({key!r}, {index})")
+        everything = sampler.draw(key, None)
+        if np.array_equal(everything, sampler.draw(key, None)) and not np.array_equal(u, everything[:, index]):
+            raise Fault(f"draw({key!r}, {index}) must return the numbers of these camera samples, not of others")
+    return "slices and indices"
+
+
+def _check_rounding(make: SamplerFactory) -> str:
+    """Raise a Fault unless offsets of rounding are uniform, and the order of camera samples has each of them once."""
+    sampler = _sampler(make)
+    assert isinstance(sampler, RoundingSampler)
+    offsets = sampler.rounding_offsets(2)
+    p = _p(*_checked(offsets, PIXELS, "rounding_offsets(2)"))
+    if p <= LEVEL:
+        raise Fault(f"rounding_offsets are not uniform and independent (p = {p:.1g})")
+    order = sampler.rounding_order(np.arange(SPP))
+    if not np.array_equal(np.sort(order), np.arange(SPP)):
+        raise Fault(f"rounding_order must have each of the first {SPP} numbers once; got {np.sort(order)[:4]} ...")
+    return f"p = {p:.2g}"
+
+
+def _check_renders(make: SamplerFactory, name: str) -> str:
+    """Raise a Fault unless the mean is that of independent numbers."""
+    SAMPLERS["checked"] = make
+    try:
+        rules = [("independent", Fixed(sampler="independent")), (name, Fixed(sampler="checked"))]
+        return compare_means(box_scene(), rules, z_limit(level(1)), "draw: numbers are not uniform and independent")
+    finally:
+        del SAMPLERS["checked"]

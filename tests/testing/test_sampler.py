@@ -1,0 +1,140 @@
+"""`check_sampler`: it finds each planted fault, and right samplers pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dmis.base.vectors import Array, take
+from dmis.samplers.sobol import Sobol
+from dmis.samplers.streams import SAMPLERS, Independent
+from dmis.testing.outcome import require
+from dmis.testing.sampler import check_sampler
+
+
+def changed(base: Any, **methods: Callable[..., Any]) -> Any:
+    """Return a sampler with other methods, which get those of its base, bound, after themselves."""
+    of_base = {name: getattr(base, name) for name in methods}
+
+    def bound(name: str) -> Callable[..., Any]:
+        return lambda self, *args: methods[name](self, lambda *a: of_base[name](self, *a), *args)
+
+    return type("Mine", (base,), {name: bound(name) for name in methods})
+
+
+def ceiling(u: Array) -> Array:
+    return np.ceil(u * 1000) / np.float32(1000)
+
+
+def squares(u: Array) -> Array:
+    return np.stack([u[0], u[1] ** 2])
+
+
+def of_numbers(change: Callable[[Array], Array]) -> Any:
+    return changed(Independent, draw=lambda self, draw, *args: change(draw(*args)))
+
+
+def clocked(self: Any, init: Any, block: Any) -> None:
+    init(block)
+    self._rng = np.random.default_rng()
+
+
+def seeded(self: Any, init: Any, block: Any) -> None:
+    init(block)
+    self._rng = np.random.default_rng(7)
+
+
+def one_shift(self: Any, init: Any, block: Any) -> None:
+    init(block)
+    self._pixel_words[:] = self._pixel_words[0]
+
+
+def one_order(self: Any, draw: Any, key: Any, index: Any, number: Any = None) -> Array:
+    """The points of the place in the pixel, shifted anew for each key."""
+    u = draw("camera", index, number)
+    shift = np.random.default_rng([abs(k) for k in key] if key != "camera" else 9).random((2, self._pixels))
+    return ((u + shift[:, take(self._pixel, index)]) % 1).astype(np.float32).clip(0, np.float32(1 - 2**-24))
+
+
+def first_ones(self: Any, draw: Any, key: Any, index: Any, number: Any = None) -> Array:
+    return draw(key, None, number)[:, : len(take(self._number, index))]
+
+
+FAULTS: dict[str, tuple[Any, str, str]] = {
+    "constant": (of_numbers(lambda u: 0 * u + np.float32(0.25)), "uniform", "first numbers are not uniform (p = 0"),
+    "square": (of_numbers(squares), "uniform", "second numbers are not uniform (p = 0, mean 0.33"),
+    "pairs": (of_numbers(lambda u: u[[0, 0]]), "uniform", "pairs are not uniform"),
+    "one key": (
+        changed(Sobol, draw=lambda self, draw, key, *args: draw("camera", *args)),
+        "repeated",
+        "draw('camera', None)[0] and draw((-4,), None)[0] are the same numbers; each key needs its own",
+    ),
+    "one camera sample": (
+        changed(Sobol, start=lambda self, start, pixel, number: start(pixel, 0 * number)),
+        "repeated",
+        "draw('camera', None)[0]: samples of a pixel have the same numbers (100% of them)",
+    ),
+    "batches": (
+        changed(Sobol, start=lambda self, start, pixel, number: start(pixel, number - number.min())),
+        "repeated",
+        "samples of a pixel have the same numbers (51% of them)",
+    ),
+    "one pixel": (changed(Sobol, __init__=one_shift), "repeated", "pixels have the same numbers (100% of them)"),
+    "number ignored": (
+        changed(Sobol, draw=lambda self, draw, key, index, number=None: draw(key, index)),
+        "repeated",
+        "draw((1, 0), None, number)[0]: samples of a pixel have the same numbers",
+    ),
+    "sample of block ignored": (
+        changed(Sobol, draw_block=lambda self, draw, key, index, sample, count: draw(key, index, 0, count)),
+        "repeated",
+        "draw_block((2, 0), None, sample, 2)[0]: samples of a pixel have the same numbers",
+    ),
+    "one order": (
+        changed(Sobol, draw=one_order),
+        "dimensions",
+        "draw('camera', None) and draw((-4,), None) go through their points in one order",
+    ),
+    "float64": (of_numbers(lambda u: u.astype(float)), "form", "float32 (2, 65536); got float64 (2, 65536)"),
+    "shape": (of_numbers(lambda u: u[0]), "form", "got float32 (65536,)"),
+    "one": (of_numbers(ceiling), "form", "draw('camera', None) must return numbers in [0, 1); got 1. np.minimum"),
+    "index ignored": (
+        changed(Independent, draw=lambda self, draw, key, index, number=None: draw(key, None)),
+        "index",
+        "draw('camera', slice(5, 900, None)) must return two numbers for each point, float32 (2, 895); got float32 (2",
+    ),
+    "other index": (
+        changed(Sobol, draw=first_ones),
+        "index",
+        "must return the numbers of these camera samples, not of others",
+    ),
+    "clock": (changed(Independent, __init__=clocked), "block alone", "differs between two samplers of one block"),
+    "no seed": (changed(Independent, __init__=seeded), "block alone", "draw('camera', None) is the same with another"),
+    "rounding": (
+        changed(Sobol, rounding_offsets=lambda self, offsets, count: offsets(count) ** 2),
+        "rounding",
+        "rounding_offsets are not uniform",
+    ),
+    "order of rounding": (
+        changed(Sobol, rounding_order=lambda self, order, number: number // 2),
+        "rounding",
+        "rounding_order must have each of the first 64 numbers once; got [0 0 1 1]",
+    ),
+    "no sampler": (lambda block: None, "form", "'NoneType' object has no attribute 'start'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_found(fault: str) -> None:
+    wrong, check, message = FAULTS[fault]
+    outcomes = check_sampler(wrong, "mine")
+    texts = [outcome.message for outcome in outcomes if check in outcome.name and not outcome.passed]
+    assert any(message in text for text in texts), [f"{o.name}: {o.message}" for o in outcomes if not o.passed]
+
+
+@pytest.mark.parametrize("name", tuple(SAMPLERS))
+def test_right_samplers_pass(name: str) -> None:
+    require(check_sampler(name))
