@@ -20,7 +20,7 @@ import re
 import sys
 import threading
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -97,6 +97,31 @@ def count(path: Path, codes: set[CodeType]) -> tuple[int, int]:
     blank = {k for k, line in enumerate(text.split("\n"), 1) if not line.strip()}
     described = {line for lines in docstrings(tree) for line in lines}
     return len(documented - described), len(documented - blank)
+
+
+def style(paths: Iterable[Path]) -> tuple[int, float, float]:
+    """Return the lines of code of files, the tokens of each line, and the joined assignments in 1,000 lines.
+
+    Comments and docstrings do not count. A joined assignment gives several names the values of a tuple, as in
+    ``a, b = 1, 2``.
+    """
+    lines = tokens = joined = 0
+    for path in paths:
+        text = path.read_text("utf-8")
+        tree = ast.parse(text)
+        described = {line for of_one in docstrings(tree) for line in of_one}
+        starts = [token.start[0] for token in tokenize.generate_tokens(io.StringIO(text).readline) if is_code(token)]
+        starts = [line for line in starts if line not in described]
+        lines += len(set(starts))
+        tokens += len(starts)
+        assignments = [node for node in ast.walk(tree) if isinstance(node, ast.Assign)]
+        joined += sum(isinstance(a.targets[0], ast.Tuple) and isinstance(a.value, ast.Tuple) for a in assignments)
+    return lines, tokens / lines, 1000 * joined / lines
+
+
+def is_code(token: tokenize.TokenInfo) -> bool:
+    """Return whether a token is one of code, and no text that describes a name above it."""
+    return token.type not in SILENT and not (token.type == tokenize.STRING and token.string.startswith('"""'))
 
 
 def lines_called(scene: dmis.Scene, rule: str, spp: int) -> dict[str, tuple[int, int]]:

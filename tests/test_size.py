@@ -1,31 +1,41 @@
-"""Sizes that a reader can hold: `make check` fails above them, and raising one needs a reason in the commit."""
+"""Sizes that a reader feels: `make check` fails above them, and raising one needs a reason in the commit."""
 
 from __future__ import annotations
 
 import ast
 import sys
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import pytest
 
 import dmis
+from dmis.estimator.batch import Batch
+from dmis.fit.round import Round
+from dmis.fit.rule import Rule
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 28_200, "tests": 28_400}
-"""Lines of Python files."""
-WORDS = 44_000
+LINES = {"dmis": 28_150, "tests": 28_500}
+"""Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
+WORDS = 44_200
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
 LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
-LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220}
+LONGEST_MODULE = 420
+"""Lines of a module of the package."""
+LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 170}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (37, 2100), "auto": (48, 2700)}
+RENDERS = {"thesis": (36, 2080), "auto": (47, 2660)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
+TOKENS, JOINED = 12.13, 20.0
+"""Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""
+FIELDS = {Batch: 8, Round: 13, Rule: 8}
+"""Fields of the objects that go through a render; of a rule the attributes that a class of one's own may have."""
 
 
 def python_files(folder: str) -> list[Path]:
@@ -39,6 +49,17 @@ def lines_of(path: Path) -> int:
 @pytest.mark.parametrize("folder", LINES)
 def test_lines(folder: str) -> None:
     assert sum(map(lines_of, python_files(folder))) <= LINES[folder]
+
+
+def test_code_is_written_out() -> None:
+    _, tokens, joined = count_lines.style(python_files("dmis"))
+    assert tokens <= TOKENS and joined <= JOINED
+
+
+@pytest.mark.parametrize("of", FIELDS)
+def test_fields(of: type) -> None:
+    own = [name for name, value in vars(of).items() if not (name.startswith("_") or callable(value))]
+    assert len(fields(of) if is_dataclass(of) else own) <= FIELDS[of]
 
 
 def test_words_of_pages() -> None:
@@ -59,7 +80,8 @@ def test_docstrings_and_functions() -> None:
     assert {name: n for name, n in longest.items() if n > LONGEST_FUNCTION} == {}
 
 
-def test_modules_that_tell_a_render() -> None:
+def test_modules() -> None:
+    assert max(map(lines_of, python_files("dmis"))) <= LONGEST_MODULE
     for name, most in LONGEST_MODULES.items():
         assert lines_of(ROOT / "dmis" / name) <= most, name
 

@@ -44,18 +44,17 @@ class Record:
     p: Array | None = None
 
 
+@dataclass(eq=False)
 class Records(list[Record]):
     """The records of one batch; `directions` says whether they have `Record.wi` and `Record.p`."""
 
-    def __init__(self, directions: bool = False) -> None:
-        super().__init__()
-        self.directions = directions
+    directions: bool = False
 
 
 class Statistic(Protocol):
     """Sums over the shading samples of a tile; made with its number of pixels and of shading samples.
 
-    `dmis.variance.curves.Curves` is one. Class attributes that are true ask for more (`asks`): ``directions`` for those
+    `dmis.variance.curves.Curves` is one. Class attributes that are true ask for more: ``directions`` for those
     of the samples, ``by_colour`` for sums and rays of the pixels of each colour (`dmis.base.patches.COLOURS`).
     """
 
@@ -66,8 +65,3 @@ class Statistic(Protocol):
     def sums(self) -> Mapping[str, Array]:
         """Return the sums by name, pixels in the last axis; the tile adds them up over patches."""
         ...
-
-
-def asks(statistic: Statistic | None, wish: str) -> bool:
-    """Return whether a statistic, if there is one, has a true class attribute `wish`: it need not have it."""
-    return bool(getattr(statistic, wish, False))

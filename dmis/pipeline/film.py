@@ -15,7 +15,7 @@ from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.records import Records, Statistic, asks
+from dmis.estimator.records import Records, Statistic
 from dmis.fit.round import Round
 from dmis.samplers.streams import is_sequence
 from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks, join
@@ -92,6 +92,11 @@ class Observers:
         """Return the moments of the pixels ``(3, P)``, corrected by the combiner; 0 where there were no samples."""
         total = self._moments.total()
         return total if self._collector is None else replace(total, mean=total.mean + self._collector.correction())
+
+
+def asks(statistic: Statistic | None, wish: str) -> bool:
+    """Return whether a statistic, if there is one, has a true class attribute `wish`: it need not have it."""
+    return bool(getattr(statistic, wish, False))
 
 
 def patch_sums(statistic: Statistic | None, shape: tuple[int, int]) -> dict[str, Array]:

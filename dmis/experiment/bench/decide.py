@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator.records import Record, asks
+from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
 from dmis.experiment.bench.data import Pilots
@@ -19,7 +19,7 @@ from dmis.fit.given import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import Rule, merge_settings, next_round, rule_text
-from dmis.pipeline.film import patch_sums, without_colours
+from dmis.pipeline.film import asks, patch_sums, without_colours
 from dmis.variance.moments import Film, Moments
 
 AnyRule = Rule | str | Callable[[Mapping[float, SampleTable]], Any]
