@@ -14,6 +14,7 @@ from dmis.filter import joint
 from dmis.fit.pooling import pool
 from dmis.fit.registry import make_rule
 from dmis.geometry import shapes
+from dmis.scene import feature_buffers
 from dmis.scene.feature_buffers import FEATURE_SCALES, render_feature_buffers, render_pixel_features
 from dmis.testing.scenes import box_scene
 
@@ -83,11 +84,12 @@ def test_any_size(resolution: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("unit", [1.0, 2.0**30, 2.0**-40])
-def test_pixels_by_hand(unit: float) -> None:
+def test_pixels_by_hand(unit: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A floor at 0, a slope z = x over a part of it, and nothing around them, from 9 above, in units of any length.
 
     Each pixel has what is at its centre, so none has a mean over an edge.
     """
+    monkeypatch.setattr(feature_buffers, "RAYS_PER_BATCH", 300)  # more than one batch
     floor = shapes.quad((-4 * unit, -4 * unit, 0), (8 * unit, 0, 0), (0, 8 * unit, 0))
     slope = shapes.quad((0, -4 * unit, 0), (0, 8 * unit, 0), (3 * unit, 0, 3 * unit))  # its winding looks down
     camera = dmis.Camera.look_at((0, 0, 9 * unit), (0, 0, 0), (0, 1, 0), fov=60, resolution=(32, 22))

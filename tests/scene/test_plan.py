@@ -114,7 +114,7 @@ def test_tables_that_nothing_needs_are_not_built(table: str) -> None:
     tile_of(plain)
     assert table not in vars(plain.tables)
     other = replace(plain, parts=(needs[table],))
-    tile_of(other)
+    other.prepare()
     assert table in vars(other.tables)
 
 

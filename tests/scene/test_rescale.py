@@ -181,7 +181,7 @@ def test_a_far_sun_and_a_large_ground_leave_shadows_where_they_are() -> None:
     assert far.epsilon == near.epsilon and far.in_float32[0] is far
     offset = large.epsilon
     assert offset.max() == offset[0] > 1e-3 and offset[2] < 1e-6
-    assert near.epsilon.ndim == 0
+    assert near.epsilon.ndim == 0 and sunlit(1e6, ground=2e3).epsilon.max() == offset.max()
     expected, distant, small = (dmis.render(s, "balance", 64, seed=k).image for k, s in enumerate((near, far, large)))
     assert np.sqrt(((distant - expected) ** 2).mean() / (expected**2).mean()) < 0.03
     top = slice(14, 17), slice(14, 18)
