@@ -1,4 +1,4 @@
-"""The lobes, lights, techniques, rules and samplers that a module of a user's own defines."""
+"""The lobes, lights, techniques, rules, samplers and heuristics that a module of a user's own defines."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from dmis.base.plugins import raised
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
+from dmis.estimator.mis import COMBINERS
 from dmis.estimator.technique import TECHNIQUES, Technique
 from dmis.fit.registry import RULES
 from dmis.fit.rule import Rule
@@ -24,8 +25,8 @@ from dmis.testing.technique import check_technique
 
 RECOGNISED = (
     "classes that derive from Lobe, DeltaLobe, AreaLight, InfiniteLight, DeltaLight or dmis.Rule and whose fields all "
-    "have defaults; objects of such classes, dmis.Material and dmis.Technique; rules, techniques and samplers that are "
-    "registered"
+    "have defaults; objects of such classes, dmis.Material and dmis.Technique; rules, techniques, samplers and "
+    "heuristics that are registered"
 )
 _KINDS: dict[str, type] = {"lobe": Lobe, "light": Light, "technique": Technique, "rule": Rule}
 _SHIPPED = tuple(TECHNIQUES.values())
@@ -33,7 +34,7 @@ _SHIPPED = tuple(TECHNIQUES.values())
 
 @dataclass(frozen=True)
 class Subject:
-    """What can be checked, or the name of a registered rule or sampler; or why a class cannot."""
+    """What can be checked, or the name of a registered rule, sampler or heuristic; or why a class cannot."""
 
     name: str
     kind: str
@@ -50,7 +51,9 @@ class Subject:
             return check_technique(self.item)
         if self.kind == "light":
             return check_light(self.item, self.name)
-        return (check_sampler if self.kind == "sampler" else check_rule)(self.item, self.name)
+        if self.kind == "sampler":
+            return check_sampler(self.item, self.name)
+        return check_rule(f"fixed:0.3,combiner={self.item}" if self.kind == "heuristic" else self.item, self.name)
 
 
 def find(module: ModuleType) -> list[Subject]:
@@ -58,8 +61,8 @@ def find(module: ModuleType) -> list[Subject]:
 
     Recognised are objects that are variables of the module: lobes, the lobes of materials, lights, techniques, rules;
     classes defined in the module, with the defaults of their fields, unless one of those objects is of the class; and
-    the rules, techniques and samplers that the module registers. Names that begin with an underscore, and what is
-    imported, are left out.
+    the rules, techniques, samplers and heuristics that the module registers. Names that begin with an underscore, and
+    what is imported, are left out.
     """
     variables = {name: value for name, value in vars(module).items() if not name.startswith("_")}
     subjects: list[Subject] = []
@@ -86,7 +89,9 @@ def find(module: ModuleType) -> list[Subject]:
     subjects += [Subject(name, "rule", name) for name in rules]
     for technique in TECHNIQUES.values():
         add(technique.name, technique)
-    return subjects + [Subject(name, "sampler", name) for name in samplers]
+    subjects += [Subject(name, "sampler", name) for name in samplers]
+    own = [name for name, combiner in COMBINERS.items() if combiner.heuristic.__module__ == module.__name__]
+    return subjects + [Subject(name, "heuristic", name) for name in own]
 
 
 def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -60,6 +60,7 @@ dmis.register_technique(again)
 dmis.register_technique(replace(again, name="hidden", rays="hidden", pdf=lambda s, d, p: BRDF.pdf(s, d, p)))
 dmis.register_rule("third", Third)
 dmis.register_sampler("mine", lambda block: None)
+dmis.register_heuristic("own", lambda a, k: 1 / np.maximum(sum(a), 1e-30))
 _private = Lambert(0.5)
 """
 
@@ -106,10 +107,10 @@ def test_what_is_recognised(
         )
     assert main(["check", write(tmp_path, DUST + MORE)]) == 1
     *lines, last = capsys.readouterr().out.splitlines()
-    assert last == "2 of 10 checks failed"
+    assert last == "2 of 11 checks failed"
     assert [line for line in lines if not line.startswith(("ok", "FAILED"))] == [
         "light lamp", "lobe paint.lobes[0]", "lobe paint.lobes[1]", "technique again", "lobe Tinted", "lobe Broken",
-        "rule Other", "rule third", "technique hidden", "sampler mine",
+        "rule Other", "rule third", "technique hidden", "sampler mine", "heuristic own",
     ]  # fmt: skip
     assert [line for line in lines if line.startswith("FAILED")] == [
         "FAILED  Tinted: an object of the class: TypeError: Tinted.__init__() missing 2 required positional arguments: "
