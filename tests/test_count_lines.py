@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -33,3 +34,13 @@ def test_reading_path_is_what_a_render_calls() -> None:
     assert all(int(row[1]) > 0 and int(row[2]) >= int(row[1]) for row in rows)
     sums = [sum(int(row[k]) for row in rows) for k in (1, 2)]
     assert total == [str(len(rows)), "files", *map(str, sums)]
+
+
+def test_names_on_the_reading_path_are_where_the_page_says() -> None:
+    steps = (ROOT / "docs" / "code.md").read_text("utf-8").partition("take the files in this order:")[2]
+    named = re.findall(r"`([a-z_/]+\.py)`\s+\(((?:[^()]|\([^()]*\))*)\)", steps.partition("<!-- lines")[0])
+    found = [(file, name) for file, text in named for name in re.findall(r"`([A-Za-z_.]+)`", text)]
+    assert len(found) >= 10
+    for file, name in found:
+        code = (ROOT / "dmis" / file).read_text("utf-8")
+        assert re.search(rf"(def|class) {name.split('.')[-1]}\b", code), f"{file} has no {name}"

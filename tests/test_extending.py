@@ -134,6 +134,7 @@ def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
     [
         (lambda a, k: a[k] / sum(a), "must add up to 1 over the techniques; got .* It must return W / a.k., not W"),
         (lambda a, k: 1 / a[k], "must add up to 1"),
+        (3, r"heuristic mine must be a function \(a, k\) .*'int' object is not callable"),
         (lambda a, k: np.float32(1), r"must return W / a\[k\] of shape \(N,\); got \[\(\), \(\)\]"),
     ],
 )
@@ -162,6 +163,7 @@ def test_names_of_heuristics() -> None:
     [
         (("light", "light"), {}, "techniques of a round must be two or more different ones; got light, light"),
         (("light", "glow"), {}, "technique must be one of light, brdf"),
+        ("light", {}, "must be a tuple of names and dmis.Techniques; got 'light'"),
         (("light", "uniform"), {"compensation": 0.5}, "must have brdf, which samples what compensation 0.5 leaves out"),
         (("light", "brdf", "uniform"), {"combiner": "frozen"}, "combiner frozen needs two techniques; got 3"),
         (
@@ -176,6 +178,17 @@ def test_techniques_of_a_round_that_are_refused(techniques: Any, changes: dict[s
     shares = np.full(len(techniques), 1 / len(techniques))
     with pytest.raises(ValueError, match=message):
         Round(4, shares, dmis.Settings(**changes), techniques=techniques)
+
+
+def test_techniques_that_cannot_be_sent(box: dmis.Scene) -> None:
+    local = dmis.Technique("own", "own", lambda *_: None, lambda *_: None)  # type: ignore[arg-type,return-value]
+
+    class Local(dmis.Rule):
+        def rounds(self, budget: Any) -> Any:
+            yield budget.final(dmis.Fit(0.5), techniques=("light", local))
+
+    with pytest.raises(ValueError, match=r"can be sent to another process: .* at the top level of a module"):
+        dmis.render(box, Local(), 4, parallel=dmis.Processes(1))
 
 
 def test_pickled_techniques() -> None:

@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dmis.base.plugins import origin
+from dmis.base.plugins import origin, raised
 from dmis.base.validate import number, positive
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.optimal_mis import Optimal
@@ -203,7 +203,13 @@ def register_heuristic(name: str, heuristic: Heuristic) -> None:
         a = list(rng.exponential(size=(techniques, 1000)).astype(np.float32) ** 4)
         a[0][:10] = 0  # a technique that does not reach the direction
         with np.errstate(all="ignore"):  # what is not finite is refused
-            over = [np.asarray(heuristic(a, k)) for k in range(techniques)]
+            try:
+                over = [np.asarray(heuristic(a, k)) for k in range(techniques)]
+            except Exception as error:
+                raise ValueError(
+                    f"heuristic {name} must be a function (a, k) that returns W / a[k]; with densities of {techniques} "
+                    f"techniques {raised(error)}"
+                ) from error
             if any(values.shape != (1000,) for values in over):
                 raise ValueError(f"heuristic {name} must return W / a[k] of shape (N,); got {[v.shape for v in over]}")
             total = sum(density * values for density, values in zip(a, over, strict=True))

@@ -137,6 +137,10 @@ class Round:
         """Raise a ValueError unless `techniques` can share the samples in the place of those of the settings."""
         if not self.techniques:
             return
+        if not isinstance(self.techniques, tuple | list):
+            raise ValueError(
+                f"techniques of a round must be a tuple of names and dmis.Techniques; got {self.techniques!r}"
+            )
         names = [technique.name for technique in self.mixture]
         if len(set(names)) < max(len(names), 2):
             raise ValueError(f"techniques of a round must be two or more different ones; got {', '.join(names)}")

@@ -174,7 +174,7 @@ class _ProcessPool(ThreadPoolExecutor):
         try:
             if not hasattr(self._local, "pipe"):
                 self._local.pipe = self._start()
-            self._local.pipe.send((function, item))
+            self._local.pipe.send_bytes(_pickled((function, item)))
             answer = self._local.pipe.recv()
         except (EOFError, OSError) as error:
             raise BrokenExecutor(f"a process has closed its pipe, {error!r}") from None
@@ -196,6 +196,17 @@ class _ProcessPool(ThreadPoolExecutor):
         its.close()  # so that a read ends with the process
         ours.send_bytes(self._scene)
         return ours
+
+
+def _pickled(call: Any) -> bytes:
+    """Return a call as bytes; a ValueError if its round holds something that cannot be sent."""
+    try:
+        return pickle.dumps(call)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise ValueError(
+            f"a round must be of what can be sent to another process: {error}. Define functions and classes of its "
+            f"techniques and statistic at the top level of a module, such as a plug-in"
+        ) from error
 
 
 _idle_pools: list[_ProcessPool] = []
