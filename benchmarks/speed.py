@@ -34,7 +34,11 @@ from common import SCENES, machine, replace_table, show
 SLACK = 1.2
 """A ratio may miss its target by this factor before it counts as a failure."""
 TIME_PARTS = {
-    "random numbers": {"streams.py": {"draw", "start", "stream"}, "sobol.py": {"draw"}},
+    "random numbers": {
+        "streams.py": {"draw", "start", "stream"},
+        "sobol.py": {"draw"},
+        "stratified.py": {"draw"},
+    },
     "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "samples.py": {"record_samples"}},
     "film": {"moments.py": {"of", "merge", "add", "total"}},
 }
