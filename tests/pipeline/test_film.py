@@ -1,14 +1,18 @@
 """The film of a pass: tiles merged in any order, with a checkpoint between or not."""
 
+from collections.abc import Iterator, Sequence
 from itertools import permutations
 
 import numpy as np
 import pytest
 from helpers import pixel_shares
 
+import dmis
 from dmis import Settings
 from dmis.base.patches import PATCH
-from dmis.fit.round import Round
+from dmis.base.vectors import Array
+from dmis.estimator.records import Record
+from dmis.fit.round import Budget, Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.film import FilmTile, PassFilm, pilot_shares
 from dmis.pipeline.result import costly_pilot
@@ -82,3 +86,37 @@ def test_pilots_that_are_named(samples, variance, named):
         not named or f"is {samples:.0%} of the image's samples and makes {variance:.0%}" in text
     )
     assert costly_pilot({}) == ""
+
+
+@pytest.mark.parametrize("directions", [True, False])
+def test_directions_of_records(box: dmis.Scene, directions: bool) -> None:
+    """Rays from recorded points in recorded directions meet the lamp; there are none unless they are asked for."""
+    kept: list[Record] = []
+    asked = directions
+
+    class Keep:
+        directions = asked
+
+        def __init__(self, pixels: int, shading_samples: int) -> None: ...
+
+        def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
+            kept.extend(records)
+
+        def sums(self) -> dict[str, Array]:
+            return {}
+
+    class Look(dmis.Rule):
+        def rounds(self, budget: Budget) -> Iterator[Round]:
+            yield budget.pilot(0.5, 4, Keep)
+            yield budget.final(dmis.Fit(0.5), 4)
+
+    dmis.render(box, Look(), 8, parallel=1)
+    assert {record.technique_index for record in kept} == {0, 1}
+    for record in kept:
+        if record.wi is None or record.p is None:
+            assert not directions and record.wi is record.p
+            continue
+        assert directions and record.wi.shape == record.p.shape == record.value.shape
+        np.testing.assert_allclose(np.linalg.norm(record.wi, axis=0), 1, rtol=1e-5)
+        on_lamp = record.p + record.wi * ((3 - record.p[2]) / record.wi[2])  # a square at z = 3
+        assert (np.abs(on_lamp[:2]) < 1 + 1e-4).all() and (record.p[2] >= -1).all()
