@@ -26,7 +26,7 @@ LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
 LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
-LONGEST_MODULE = 420
+LONGEST_MODULE = 430
 """Lines of a module of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 170}
 """Lines of the modules that tell how a render goes."""

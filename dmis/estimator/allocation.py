@@ -103,7 +103,7 @@ def allocate(
         None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
         model of MIS), with numbers from here.
     track_sequence
-        Whether to count `Counts.samples_before`, which only samplers with a sequence ask for.
+        Whether to count `Counts.samples_before`, which independent numbers do without.
     """
     if shares.shape[1] == 1 and (at_random is None or (shares == 1).any()):
         all_but_last = [float(shading_samples * share) for share in shares[:-1, 0]]

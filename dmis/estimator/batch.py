@@ -23,7 +23,7 @@ class Batch:
     scene, caster
         The scene, and what answers and counts its ray queries.
     settings
-        Estimator settings, without ``auto``.
+        Estimator settings, without ``auto`` but for that of `lights`.
     techniques, combiner
         The K techniques that share the shading samples, and what weights them.
     samples

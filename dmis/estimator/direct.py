@@ -11,7 +11,8 @@ light samples, the balance heuristic estimates the integral by the mean over the
     f / p_w,    p_w = w p_l + (1 - w) p_b                               (Veach 1997, Eq. 9.8; docs/theory.md, Eq. 8)
 
 and any other combiner by that of ``W f / (w_k p_k)``, W being its MIS weight of a sample of technique k. A *tilt* t
-takes the place of w in p_w alone, while shares of samples stay (docs/theory.md, Eq. 8a).
+takes the place of w in p_w, while shares of samples stay: a sample of technique k counts t_k / w_k times
+(docs/theory.md, Eq. 8a).
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class Statistic(Protocol):
     """
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
-        """Add one block: `count` camera samples of every pixel, sample-major, their radiance ``(3, N)``."""
+        """Add one batch: `count` camera samples of every pixel, sample-major, their radiance ``(3, N)``."""
         ...
 
     def sums(self) -> Mapping[str, Array]:

@@ -1,4 +1,4 @@
-"""Tracing of camera samples: camera rays in, radiance out, one batch per bounce.
+"""Tracing of camera samples: camera rays in, radiance out; the paths of a batch go on together, bounce by bounce.
 
 Follow one camera sample: its ray meets a surface, whose emission counts; the surface reflects the lights
 (`dmis.estimator.direct`); mirrors and glass send the sample on, to be shaded where it arrives; in path tracing every
@@ -31,7 +31,7 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     Parameters
     ----------
     origin, direction
-        ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
+        ``(3, N)`` float32, unit directions, in the order of `Batch.samples`.
     coverage
         Those that may meet something; None: all of them. The others are counted as `UNTRACED`.
 

@@ -47,7 +47,7 @@ class Round:
     settings
         Estimator settings.
     statistic
-        Makes the statistic that gathers the shading samples; None: there is none.
+        Makes the statistic that gathers the shading samples, the same number in each pixel; None: there is none.
     patterns
         Whole numbers of samples of each technique per pixel, in place of `shares`; None: `shares` divide the samples.
     tilt
@@ -87,6 +87,7 @@ class Round:
     techniques: tuple[Technique | str, ...] = ()
 
     def __post_init__(self) -> None:
+        self._check_statistic()
         self._check_techniques()
         techniques = len(self.mixture)
         one_of("needs_features of a round", self.needs_features, (False, True, "pixels"))
@@ -131,6 +132,14 @@ class Round:
             raise ValueError(
                 f"spp of a round with an image_weight must be at least 1, because every pixel of the image needs "
                 f"samples; got {np.min(self.spp)}"
+            )
+
+    def _check_statistic(self) -> None:
+        """Raise a ValueError if a statistic would get other numbers of samples than it is told."""
+        if self.statistic is not None and (np.ndim(self.spp) or self.patterns is not None):
+            raise ValueError(
+                "a round with a statistic must have one number spp for all pixels, and no patterns, because a "
+                "statistic is sent as many camera samples of each pixel. Gather it in a round before"
             )
 
     def _check_techniques(self) -> None:

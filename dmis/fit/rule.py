@@ -1,7 +1,7 @@
-"""Weight rules: pilot statistics in, share of light samples out.
+"""Rules: what they ask the renderer for, and the settings that they need or leave to the caller.
 
-A rule names the pilot that it needs (camera samples at given weights) and turns the moments of the pilot's samples into
-a map of weights. Here is what all rules share. `dmis.fit.registry` has the names of all rules.
+A rule yields rounds. Most name a pilot (camera samples at given weights) and turn its film into shares of samples for
+the final pass. Here is what all rules share. `dmis.fit.registry` has the names of all rules.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Rule:
         Values of `dmis.estimator.settings.Settings` that the rule needs; all others are the caller's. Default: none.
     statistic
         Makes the `dmis.estimator.records.Statistic` that the pilot gathers, such as `dmis.variance.curves.Curves`;
-        with it, pilot samples come in pairs. Default: None, the moments of pixels alone.
+        with it, a pilot sample of K techniques has K times the shading samples. Default: None, moments of pixels alone.
     needs_features
         Whether the pilot brings feature buffers, see `dmis.scene.feature_buffers`: True, of patches; or ``"pixels"``.
         Default: False.

@@ -1,10 +1,10 @@
-"""Samplers: uniform numbers for every (pixel, sample, dimension), as functions of (seed, pass, tile) only.
+"""Samplers: uniform numbers for every (pixel, sample, dimension), which seed, pass and tile determine.
 
 A tile has one random stream, so an image does not depend on how many threads, processes or machines rendered it, or in
 which order. Numbers of `sobol` are functions of (seed, pixel, sample, dimension), and do not even depend on passes and
 tiles.
 
-All draws are two-dimensional. `Independent` numbers have no structure. The others spread the numbers of one pixel
+Draws of samplers are two-dimensional. `Independent` numbers have no structure. The others spread the numbers of a pixel
 evenly: `Stratified` over a jittered grid, `dmis.samplers.sobol` over the points of a (0, 2)-sequence, so that pairs are
 even together too. `dmis.samplers.lowdiscrepancy` does as pbrt-v2's sampler of that name does.
 

@@ -13,6 +13,7 @@ import dmis
 from dmis.estimator.allocation import shares_of
 from dmis.fit.round import Round
 from dmis.testing.scenes import box_scene
+from dmis.variance.curves import Curves
 
 HALF = np.array([0.5, 0.5], np.float32)
 
@@ -94,3 +95,10 @@ def test_the_round_of_a_rule_is_refused(box: dmis.Scene) -> None:
         dmis.render(box, Over(), 4)
     (found,) = {outcome.message for outcome in dmis.check_rule(Over()) if not outcome.passed}
     assert "shares of a round must add up to 1" in found
+
+
+def test_a_statistic_needs_one_number_of_samples() -> None:
+    """It is told one number of camera samples of every pixel, and would add up others in silence."""
+    uneven = np.arange(1, 13).reshape(3, 4)
+    with pytest.raises(ValueError, match="with a statistic must have one number spp for all pixels, and no patterns"):
+        Round(uneven, shares_of(0.5), dmis.Settings(), Curves)
