@@ -9,7 +9,7 @@ from helpers import LEVEL, Z_LIMIT, Watched, image_tile, mean_and_error, pixel_s
 from scipy.stats import kstest
 
 from dmis import render
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, take
 from dmis.brdf.materials import matte
 from dmis.brdf.models import rough_glass
 from dmis.estimator.settings import Settings
@@ -17,9 +17,10 @@ from dmis.fit.round import Round
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.light.area import DiskLight, QuadLight
+from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.tile import render_tile
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS, Sampler, stream
+from dmis.samplers.streams import SAMPLERS, Independent, Sampler, register_sampler, stream
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
@@ -272,3 +273,20 @@ def test_errors_of_pixels_are_independent(kind: str) -> None:
     images = np.array([render(scene, "balance", 16, seed=k, sampler=kind, settings=settings).image for k in range(60)])
     images = images[..., 0].astype(float)
     assert images.mean(axis=(1, 2)).var(ddof=1) * 256 < 2 * images.var(axis=0, ddof=1).mean()
+
+
+def test_no_number_is_drawn_twice() -> None:
+    """Both sides of a sheet of rough glass, and all lights, take numbers of their own."""
+    drawn: list[tuple[object, int]] = []
+
+    class Noted(Independent):
+        def draw(self, key, index, number=None):
+            drawn.extend((key, sample) for sample in take(np.arange(self._size), index).tolist())
+            return super().draw(key, index, number)
+
+    register_sampler("noted", Noted)
+    lights = (QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), (8, 8, 8)), EnvironmentLight(1.0))
+    render(box_scene(rough_glass(alpha=0.3), lights), "balance", 1, sampler="noted", parallel=1)
+    # place in the pixel; for each side, light and technique a direction
+    assert len({key for key, _ in drawn}) == 1 + 2 * 2 * 2
+    assert len(set(drawn)) == len(drawn)
