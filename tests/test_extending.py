@@ -18,6 +18,7 @@ from helpers import Z_LIMIT, registries_kept, results_z, shipped, z_score
 
 import dmis
 from dmis.base import plugins
+from dmis.brdf.diffuse import Lambert
 from dmis.cli.commands import main
 from dmis.estimator import mis
 from dmis.estimator.technique import TECHNIQUES
@@ -112,6 +113,40 @@ def test_techniques_that_are_refused(changes: dict[str, object], message: str) -
     with pytest.raises(ValueError, match=message):
         dmis.register_technique(dmis.Technique(**given))  # type: ignore[arg-type]
     assert "mine" not in TECHNIQUES
+
+
+@pytest.mark.parametrize(
+    ("density", "message"),
+    [
+        (lambda above: np.where(above, np.float32(np.nan), 0), "pdf of technique dim must be a number.*got NaN in"),
+        (lambda above: above[None], r"pdf of technique dim must be \(\d+,\), one density for .*shape \(1, \d+\)"),
+        (lambda above: np.float32(0.2), r"pdf of technique dim must be \(\d+,\), one density .*shape \(\)"),
+    ],
+)
+def test_densities_that_are_refused(density: Any, message: str, box: dmis.Scene) -> None:
+    """They would count as black samples, or be spread over all directions."""
+    uniform = TECHNIQUES["uniform"]
+    dim = dmis.Technique("dim", "dim", uniform.sample, lambda surface, directions, _: density(directions.above))
+
+    class Dim(dmis.Rule):
+        def rounds(self, budget: Any) -> Any:
+            yield budget.final(dmis.Fit(0.5), techniques=("light", dim))
+
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, Dim(), 2, parallel=1)
+
+
+@pytest.mark.parametrize("integrator", ["direct", "path"])
+def test_lobes_that_are_no_numbers_are_refused(integrator: str) -> None:
+    """A lobe that divides 0 by 0 would be black below a sky, whose image no pixel shows to be wrong."""
+
+    class Dusty(Lambert):
+        def eval(self, directions: Any) -> Any:
+            return super().eval(directions) * np.where(directions.cos_i > 0.5, np.float32(np.nan), 1)
+
+    scene = box_scene(dmis.Material((Dusty(0.5),)))
+    with pytest.raises(ValueError, match=r"eval of a lobe must be a number.*got NaN from Dusty.*check_lobe"):
+        dmis.render(scene, "balance", 2, integrator=integrator, parallel=1)
 
 
 def test_learned_technique_and_heuristic(tmp_path: Path) -> None:

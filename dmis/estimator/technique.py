@@ -8,9 +8,11 @@ Two techniques or more are mixed in `dmis.estimator.direct`; anything that has t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
+
+import numpy as np
 
 from dmis.base.plugins import origin
 from dmis.base.validate import whole
@@ -118,6 +120,23 @@ def check_technique_form(technique: Technique) -> None:
             f"one of {', '.join(taken)}, nor one that begins with bounce; got {rays!r}"
         )
     whole(f"numbers of technique {name}", technique.numbers, 2, 4)
+
+
+def densities(
+    techniques: Sequence[Technique], surface: ShadingPoints, directions: Directions, light_pdf: Array
+) -> list[Array]:
+    """Return the density of every technique in each direction, whichever picked it, K arrays ``(N,)``.
+
+    A ValueError if one has another shape, which would be spread over all directions.
+    """
+    pdf = [technique.pdf(surface, directions, light_pdf) for technique in techniques]
+    for technique, density in zip(techniques, pdf, strict=True):
+        if np.shape(density) != light_pdf.shape:
+            raise ValueError(
+                f"the pdf of technique {technique.name} must be {light_pdf.shape}, one density for each direction; got "
+                f"shape {np.shape(density)}"
+            )
+    return pdf
 
 
 def technique_by_name(name: Technique | str) -> Technique:
