@@ -18,9 +18,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 28_150, "tests": 28_500}
+LINES = {"dmis": 28_650, "tests": 29_000}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
-WORDS = 44_000
+WORDS = 44_600
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
@@ -30,7 +30,7 @@ LONGEST_MODULE = 430
 """Lines of a module of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 170}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 2095), "auto": (47, 2670)}
+RENDERS = {"thesis": (36, 2130), "auto": (47, 2720)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 TOKENS, JOINED = 12.13, 20.0
 """Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""

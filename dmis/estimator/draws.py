@@ -67,7 +67,8 @@ def _draws_of_side(batch: Batch, vertices: Vertices, beyond: bool) -> Iterator[D
     picked = None
     over_probability = np.float32(1)
     if settings.one_light and len(lights) > 1:
-        picked = batch.numbers.light(len(lights), vertices.radiance.shape[1])
+        u = batch.numbers.light((*vertices.path, int(beyond)), vertices.sample)
+        picked = (u * np.float32(len(lights))).astype(np.int16)
         over_probability = np.float32(len(lights))
     at_first_surface = not vertices.path
     subsets = batch.samples.subsets if at_first_surface and not beyond else None

@@ -27,8 +27,8 @@ from dmis.scene.shading_points import ShadingPoints
 
 LobeGroup = int | Literal["reflection", "transmission"]
 """What continues a path: one of the delta lobes, by its number, or all other lobes of reflection or of transmission."""
-ROULETTE = 3
-"""Depth from which on paths of little throughput are ended at random."""
+ROULETTE = 4
+"""Depth from which on paths of little throughput are ended at random: see docs/does-not-pay.md for others."""
 
 
 @dataclass(eq=False)

@@ -16,6 +16,9 @@ ROUNDING = -3
 LENS = -4
 """Mark of the point on the lens of a camera."""
 
+PICK = -5
+"""Mark of the number that picks one of several lights."""
+
 
 @dataclass(frozen=True, eq=False)
 class PixelBlock:

@@ -39,7 +39,7 @@ from functools import lru_cache
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, take
-from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, ROUNDING, PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PICK, ROUNDING, PixelBlock
 
 DIGITS = 24
 """Binary digits of a coordinate: as many as float32 has below 1."""
@@ -130,7 +130,8 @@ def order_of(pair: tuple[int, ...]) -> int:
     """Return the number of the order of a pair: how many pairs its path has before it, 0 for the camera's."""
     if pair in _OF_CAMERA:
         return _OF_CAMERA[pair]
-    return pair.count(CONTINUE) + pair.count(MORE) + (pair[-1] != CONTINUE)
+    # a light is picked, and then a point of it: two pairs that meet
+    return pair.count(CONTINUE) + pair.count(MORE) + (pair[-1] != CONTINUE) + (PICK in pair)
 
 
 def reordered(order: int, i: np.ndarray) -> np.ndarray:

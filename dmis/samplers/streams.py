@@ -23,7 +23,7 @@ import numpy as np
 from dmis.base.plugins import origin
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
-from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PICK, PixelBlock
 from dmis.samplers.sobol import Sobol
 from dmis.samplers.stratified import Stratified
 
@@ -145,9 +145,9 @@ class Numbers:
         """Return where the rays of all camera samples leave the lens, ``(2, N)``."""
         return self._sampler.draw((LENS,), None)
 
-    def light(self, lights: int, vertices: int) -> np.ndarray:
-        """Return the number of the light that each of N vertices picks, uniformly, ``(N,)``."""
-        return self.rng.integers(lights, size=vertices, dtype=np.int16)
+    def light(self, key: tuple[int, ...], sample: Selection | None) -> Array:
+        """Return what picks one of several lights at the vertices of N camera samples, ``(N,)`` in [0, 1)."""
+        return self._sampler.draw((PICK, *key), sample)[0]
 
     def direction(
         self, key: tuple[int, ...], technique: int, i: int, sample: Selection | None, places: Places, numbers: int = 2

@@ -277,6 +277,25 @@ def test_slope_of_the_error(pairs: int, integrand: object, mean: float, slope: f
     assert mse[-1] < 0.25 * values.var() / 4096
 
 
+@pytest.mark.parametrize("bounces", range(5))
+def test_lights_are_picked_evenly(bounces: int) -> None:
+    """Of 128 points 64 pick each of two lights, and 16 each of eight; those of one have their points on it in 2x2."""
+    pixels, spp = 20, 128
+    source = sampler(pixels)
+    numbers = Numbers(source, np.random.default_rng(1))
+    pixel, number = np.tile(np.arange(pixels), spp), np.repeat(np.arange(spp), pixels)
+    numbers.start(pixel, number)
+    path = (CONTINUE,) * bounces
+    u = numbers.light((*path, 0), None).reshape(spp, pixels)
+    for lights in (2, 8):
+        picked = (u * lights).astype(int)
+        assert (np.array([np.count_nonzero(picked == k, axis=0) for k in range(lights)]) == spp // lights).all()
+    x, y = (source.draw((*path, 0, 0, 0), None).reshape(2, spp, pixels) * 2).astype(int)
+    cell = 4 * (u >= 0.5) + 2 * x + y
+    counts = np.array([np.count_nonzero(cell == k, axis=0) for k in range(8)])
+    assert (counts == spp // 8).all()
+
+
 # Counts that need rounding -------------------------------------------------------------------------------------------
 
 
