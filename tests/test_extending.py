@@ -24,6 +24,7 @@ from dmis.estimator import mis
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.round import Round
 from dmis.formats.load_scene import light_part
+from dmis.pipeline.job import resolve
 from dmis.samplers.streams import Independent
 from dmis.testing.scenes import box_scene
 
@@ -199,7 +200,6 @@ def test_names_of_heuristics() -> None:
         (("light", "light"), {}, "techniques of a round must be two or more different ones; got light, light"),
         (("light", "glow"), {}, "technique must be one of light, brdf"),
         ("light", {}, "must be a tuple of names and dmis.Techniques; got 'light'"),
-        (("light", "uniform"), {"compensation": 0.5}, "must have brdf, which samples what compensation 0.5 leaves out"),
         (("light", "brdf", "uniform"), {"combiner": "frozen"}, "combiner frozen needs two techniques; got 3"),
         (
             ("light", replace(TECHNIQUES["brdf"], name="mine", rays="guide")),
@@ -213,6 +213,12 @@ def test_techniques_of_a_round_that_are_refused(techniques: Any, changes: dict[s
     shares = np.full(len(techniques), 1 / len(techniques))
     with pytest.raises(ValueError, match=message):
         Round(4, shares, dmis.Settings(**changes), techniques=techniques)
+
+
+def test_techniques_of_a_round_without_brdf_compensate_no_sky(box: dmis.Scene) -> None:
+    budget = resolve(box, "balance", 4, 0, dmis.Settings(compensation=0.5)).budget
+    without, with_brdf = (budget.final(dmis.Fit(0.5), techniques=("light", name)) for name in ("uniform", "brdf"))
+    assert (without.settings.sky_compensation, with_brdf.settings.sky_compensation) == (0, 0.5)
 
 
 def test_techniques_that_cannot_be_sent(box: dmis.Scene) -> None:

@@ -99,8 +99,8 @@ class Settings:
     compensation
         Share of the light samples of a sky, in [0, 1), that are drawn in proportion to what exceeds its mean radiance
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
-        techniques and covers the rest. None: `dmis.fit.rule.LEARNED_COMPENSATION` with a rule that learns from the
-        samples' densities, else 0.
+        techniques and covers the rest. None: `dmis.fit.rule.COMPENSATION`, or 0 with fixed
+        shares that leave one technique alone.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.
@@ -138,7 +138,7 @@ class Settings:
     )
     reuse_pilot: bool | None = None
     compensation: float | None = _option(
-        None, "share of a sky's samples drawn from what exceeds its mean (default: 0.9 if rules learn)", float, "SHARE"
+        None, "share of a sky's samples drawn from what exceeds its mean (default 0.95)", float, "SHARE"
     )
     preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
 

@@ -29,7 +29,7 @@ from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import KEY, REFERENCE_SEED, cache_path, from_cache, render_halves
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
-from dmis.fit.rule import LEARNED_COMPENSATION
+from dmis.fit.rule import COMPENSATION
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint, sampling_hashes
@@ -141,7 +141,7 @@ class _TiltMaps(_CurveMaps):
 def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
     """Return the settings of an oracle's renders: sky compensation as with rules that learn, if the scene has a sky."""
     settings = settings or Settings()
-    share = LEARNED_COMPENSATION if settings.compensation is None else settings.compensation
+    share = COMPENSATION if settings.compensation is None else settings.compensation
     return replace(settings, preset=None, compensation=share if scene.plan.environment else None)
 
 

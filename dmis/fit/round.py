@@ -156,11 +156,8 @@ class Round:
         for technique in self.mixture:
             check_technique_form(technique)
         check_mixture(self.settings.combiner, self.mixture)
-        if self.settings.sky_compensation and "brdf" not in names:
-            raise ValueError(
-                f"techniques of a round must have brdf, which samples what compensation {self.settings.compensation} "
-                f"leaves out of a sky; got {', '.join(names)}. Or give the settings compensation=0"
-            )
+        if self.settings.sky_compensation and "brdf" not in names:  # nothing samples what it leaves out
+            object.__setattr__(self, "settings", replace(self.settings, compensation=0.0))
 
     @property
     def mixture(self) -> tuple[Technique, ...]:

@@ -179,10 +179,11 @@ def check_form(rule: Rule) -> None:
 # Settings of a rule and its caller ------------------------------------------------------------------------------------
 
 
-LEARNED_COMPENSATION = 0.9
-"""Compensation of skies, see `Settings`, with a rule that learns from the samples' densities, if none is given.
+COMPENSATION = 0.95
+"""Compensation of skies, see `Settings`, if none is given.
 
-Of 0, 0.5 and 0.9 the last has the least error on the scene tt: the weights are learned under it.
+On tt and tt-overcast, direct and by paths, `balance` has .96, .99, .91 and .99 of its relMSE with .9, `auto` 1.00, .95,
+.98 and .97; .99 is 5 to 15 % worse than .9 on tt-overcast.
 """
 
 
@@ -204,10 +205,11 @@ def _reuse_pilot(settings: Settings, scene: Scene, rule: Rule | None) -> bool | 
 
 
 def _compensation(settings: Settings, scene: Scene, rule: Rule | None) -> float | None:
-    """Return the compensation of skies that is best for the rule."""
+    """Return the compensation of skies; 0 with a rule whose fixed share leaves one technique alone."""
     if rule is None:
         return None
-    return 0.0 if rule.statistic is None else LEARNED_COMPENSATION
+    alone = any(share in (0, 1) for share in np.ravel(getattr(rule, "w", 0.5)))
+    return 0.0 if alone else COMPENSATION
 
 
 DEFAULTS: Mapping[str, Callable[[Settings, Scene, Rule | None], Any]] = {

@@ -13,7 +13,7 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.experiment.oracle_renders import oracle_key
 from dmis.fit.fixed import Fixed
-from dmis.fit.rule import LEARNED_COMPENSATION
+from dmis.fit.rule import COMPENSATION
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.testing.scenes import box_scene
@@ -99,14 +99,16 @@ def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
 @pytest.mark.parametrize(
     ("rule", "settings", "expected"),
     [
-        ("balance", {}, 0.0),
-        ("fixed:0.25", {}, 0.0),
-        ("pbrt", {}, 0.0),
-        ("thesis:patch=4", {}, 0.0),
-        ("second-moment", {}, LEARNED_COMPENSATION),
-        ("auto", {}, LEARNED_COMPENSATION),
-        ("simplex", {}, LEARNED_COMPENSATION),
-        ("neyman", {}, LEARNED_COMPENSATION),
+        ("balance", {}, COMPENSATION),
+        ("fixed:0.25", {}, COMPENSATION),
+        ("pbrt", {}, COMPENSATION),
+        ("fixed:1", {}, 0.0),
+        ("simplex:light=1,brdf=0", {}, 0.0),
+        ("thesis:patch=4", {}, COMPENSATION),
+        ("second-moment", {}, COMPENSATION),
+        ("auto", {}, COMPENSATION),
+        ("simplex", {}, COMPENSATION),
+        ("neyman", {}, COMPENSATION),
         ("auto", {"compensation": 0}, 0.0),
         ("auto", {"compensation": 0.5}, 0.5),
         ("auto:compensation=0", {}, 0.0),
@@ -119,7 +121,7 @@ def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
     ],
 )
 def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: float) -> None:
-    """Rule options and settings come before the default, which learned rules have; the preset pins 0."""
+    """Rule options and settings come before the default, which is 0 where a technique is alone; the preset pins 0."""
     result = dmis.render(sky_scene(), rule, 16, integrator="direct", **settings)
     assert result.provenance["settings"]["compensation"] == expected
 
@@ -147,7 +149,8 @@ def test_the_field_comes_first() -> None:
     half = image(sky_scene(), compensation=0.5)
     assert np.array_equal(image(sky_scene(0.5), compensation=0.9), half)
     assert np.array_equal(image(sky_scene(0.5)), half)
-    assert np.array_equal(image(sky_scene(0.0), compensation=0.5), image(sky_scene()))
+    assert np.array_equal(image(sky_scene(0.0), compensation=0.5), image(sky_scene(), compensation=0.0))
+    assert np.array_equal(image(sky_scene()), image(sky_scene(), compensation=COMPENSATION))
     assert not np.array_equal(image(sky_scene()), half)
 
 
@@ -178,17 +181,17 @@ def test_a_checkpoint_and_a_table_are_not(tmp_path: Any) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         dmis.render(plain, "balance", 4, checkpoint=tmp_path / "c", progress=stop)
-    with pytest.raises(ValueError, match=r"settings.compensation is 0.0 in the checkpoint and 0.5 in this render"):
+    with pytest.raises(ValueError, match=r"settings.compensation is 0.95 in the checkpoint and 0.5 in this render"):
         dmis.render(plain, "balance", 4, checkpoint=tmp_path / "c", compensation=0.5)
     with pytest.raises(ValueError, match="scene_hash is"):
         dmis.render(half, "balance", 4, checkpoint=tmp_path / "c")
 
 
 def test_oracles_differ_under_a_sky_only(box: dmis.Scene) -> None:
-    """Their curves V(w) depend on the samples' density; that of None is that of rules that learn."""
+    """Their curves V(w) depend on the samples' density; that of None is the default."""
 
     def keys(scene: dmis.Scene) -> list[dict[str, Any]]:
-        shares = (None, 0.0, LEARNED_COMPENSATION)
+        shares = (None, 0.0, COMPENSATION)
         return [oracle_key(scene, 64, 4, dmis.Settings(compensation=share)) for share in shares]
 
     learned, off, same = keys(sky_scene())

@@ -130,5 +130,8 @@ def _view(name: str) -> tuple[Scene, Array]:
 
 
 def _image(scene: Scene, rule: Rule | str, seed: int) -> Array:
-    """Return an image with independent points, in which errors of equal samples are compared."""
-    return render(scene, rule, _SPP, seed=seed, sampler="independent").image
+    """Return an image with independent points, in which errors of equal samples are compared.
+
+    Light samples of the sky are as in pbrt: compensated ones leave less to learn.
+    """
+    return render(scene, rule, _SPP, seed=seed, sampler="independent", compensation=0).image
