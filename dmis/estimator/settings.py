@@ -99,8 +99,8 @@ class Settings:
     compensation
         Share of the light samples of a sky, in [0, 1), that are drawn in proportion to what exceeds its mean radiance
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
-        techniques and covers the rest. None: `dmis.fit.rule.COMPENSATION`, or 0 with fixed
-        shares that leave one technique alone.
+        techniques and covers the rest. None: `dmis.fit.rule.COMPENSATION`, or 0 with a rule
+        that samples lights or the BRDF alone.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.

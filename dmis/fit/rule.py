@@ -195,21 +195,24 @@ def _max_depth(settings: Settings, scene: Scene, rule: Rule | None) -> int:
     return suggested.max_depth
 
 
+def _samples_alone(rule: Rule) -> bool:
+    """Return whether a technique is alone, in a pilot of the rule or at its fixed share."""
+    return any(share in (0, 1) for weight in (*rule.pilot, getattr(rule, "w", 0.5)) for share in np.ravel(weight))
+
+
 def _reuse_pilot(settings: Settings, scene: Scene, rule: Rule | None) -> bool | None:
     """Return whether the pilot is as independent as the final pass, and no technique has less than a share of it."""
     if rule is None:
         return None
     # a pilot of one technique alone may have many times the error of a mixture
-    alone = any(share in (0, 1) for weight in rule.pilot for share in np.ravel(weight))
-    return not alone and settings.sampler == "independent"
+    return not _samples_alone(rule) and settings.sampler == "independent"
 
 
 def _compensation(settings: Settings, scene: Scene, rule: Rule | None) -> float | None:
-    """Return the compensation of skies; 0 with a rule whose fixed share leaves one technique alone."""
+    """Return the compensation of skies; 0 where light samples are alone, and nothing covers what they leave out."""
     if rule is None:
         return None
-    alone = any(share in (0, 1) for share in np.ravel(getattr(rule, "w", 0.5)))
-    return 0.0 if alone else COMPENSATION
+    return 0.0 if _samples_alone(rule) else COMPENSATION
 
 
 DEFAULTS: Mapping[str, Callable[[Settings, Scene, Rule | None], Any]] = {
