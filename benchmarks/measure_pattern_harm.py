@@ -27,9 +27,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import SCENES, machine, options
 
 import dmis
-from dmis.base.patches import COLOURS, PATCH, other_colours, patch_sum
+from dmis.base.patches import PATCH, patch_sum
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.cost import pattern_costs, rays_of_colours
+from dmis.estimator.cost import pattern_costs
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, PatternMap
 from dmis.fit.auto import Auto
 from dmis.fit.round import Round
@@ -59,20 +59,18 @@ def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
     assert isinstance(job.rule, Auto), f"no first round of {scene.name}, {given.budget} spp"
     rounds = job.rule.rounds(job.budget)
     with Passes(job, 1) as passes:
-        first = passes.render(next(rounds))
-    patterns = rounds.send(first).patterns
-    assert patterns is not None
-    cost = np.empty(patterns.pattern.shape)
-    for colour, at in enumerate(COLOURS):
-        rays = rays_of_colours(first.rays, other_colours(colour))
-        lights = len(first.sums["lights"][0]) - 1 if "lights" in first.sums else 1
-        cost[at] = pattern_costs(rays, first.shading_samples, first.techniques, lights)[0][patterns.pattern[at]]
-    return patterns.pattern, cost
+        pilot = passes.render(next(rounds))
+    lights = len(pilot.sums["lights"][0]) - 1 if "lights" in pilot.sums else 1
+    cost, _ = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, lights)
+    patterns = rounds.send(pilot).patterns
+    if patterns is None:
+        return np.full(scene.camera.resolution[::-1], EQUAL, np.uint8), np.ones(scene.camera.resolution[::-1])
+    return patterns.pattern, cost[patterns.pattern]
 
 
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
     """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
-    patterns = PatternMap(PATTERNS, pattern, PATTERNS[FIRST])
+    patterns = PatternMap(PATTERNS, pattern)
     job = resolve(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
     equal_numbers = Round(given.samples, shares_of(0.5), job.settings, patterns=patterns, stage="final")
     images = []

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from dmis.base.malloc import keep
-from dmis.base.vectors import Array, Selection, take
+from dmis.base.vectors import Array, Index, Selection, take
 
 CHECK_RAYS = sys.flags.dev_mode
 """Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests. One NaN makes
@@ -117,19 +117,20 @@ class CountingCaster:
     ----------
     caster
         Answers the queries.
-    colour_of_pixel
-        Colour of each pixel of the tile, ``(P,)``, by which rays are counted as well; None: they are not.
+    of_pixels
+        Closest hits and occlusion rays of each pixel of the tile, ``(2, P)`` or more rows, added to; None: they are not
+        counted.
 
     Attributes
     ----------
     rays
-        Rays traced so far, by kind, see `dmis.pipeline.result.Result.rays` and `ray_kind_of_colour`.
+        Rays traced so far, by kind, see `dmis.pipeline.result.Result.rays`.
     seconds
         CPU seconds of the queries so far.
     """
 
-    def __init__(self, caster: RayCaster, colour_of_pixel: np.ndarray | None = None) -> None:
-        self._caster, self._colour_of_pixel = caster, colour_of_pixel
+    def __init__(self, caster: RayCaster, of_pixels: Array | None = None) -> None:
+        self._caster, self._of_pixels = caster, of_pixels
         self._pixel = np.empty(0, np.int64)
         self.rays = Counter(camera=0)
         self.seconds = 0.0
@@ -143,7 +144,8 @@ class CountingCaster:
 
         See `Intersector.closest`.
         """
-        self.count(kind, direction.shape[1], sample)
+        self.rays[kind] += direction.shape[1]
+        self._count_by_pixel(0, sample)
         begin = thread_time()
         hits = self._caster.closest(origin, direction)
         self.seconds += thread_time() - begin
@@ -153,21 +155,20 @@ class CountingCaster:
         self, kind: str, origin: Array, direction: Array, distance: Array, sample: Selection | None
     ) -> np.ndarray:
         """Return whether rays of a kind are occluded, see `closest` and `Intersector.occluded`."""
-        self.count(kind, direction.shape[1], sample)
+        self.rays[kind] += direction.shape[1]
+        self._count_by_pixel(1, sample)
         begin = thread_time()
         occluded = self._caster.occluded(origin, direction, distance)
         self.seconds += thread_time() - begin
         return occluded
 
-    def count(self, kind: str, number: int, sample: Selection | None) -> None:
-        """Count so many rays of a kind, one for each of the camera samples `sample`."""
-        self.rays[kind] += number
-        if self._colour_of_pixel is not None:
-            colour = self._colour_of_pixel.take(take(self._pixel, sample))
-            for each, n in enumerate(np.bincount(colour).tolist()):
-                self.rays[ray_kind_of_colour(kind, each)] += n
+    def skip(self, kind: str, sample: Index) -> None:
+        """Count rays that need not be traced, because nothing is there; among the closest hits of pixels, too."""
+        self.rays[kind] += len(sample)
+        self._count_by_pixel(0, sample)
 
-
-def ray_kind_of_colour(kind: str, colour: int) -> str:
-    """Return the kind under which the rays of the pixels of one colour are counted, beside those of all pixels."""
-    return f"{kind} of colour {colour}"
+    def _count_by_pixel(self, query: int, sample: Selection | None) -> None:
+        """Count a ray of each of the camera samples `sample`."""
+        if self._of_pixels is not None:
+            pixels = self._of_pixels[query]
+            pixels += np.bincount(take(self._pixel, sample), minlength=len(pixels))

@@ -13,7 +13,6 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import EQUAL, FIRST, SAMPLES_OF, SHARE_OF, SHARES
 from dmis.estimator.technique import Technique, technique_by_name
-from dmis.intersect import ray_kind_of_colour
 
 CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
@@ -23,12 +22,6 @@ RESAMPLED = 2.3
 """
 UNTRACED = "untraced"
 """Beside the kinds of rays: camera samples of pixels that no triangle covers, for which no ray is traced."""
-
-
-def rays_of_colours(rays: Mapping[str, int], colours: Sequence[int]) -> dict[str, int]:
-    """Return the rays of the pixels of some colours, by kind, from the `rays` of a pass that counts them apart."""
-    names = {kind: [ray_kind_of_colour(kind, colour) for colour in colours] for kind in rays}
-    return {kind: sum(rays.get(name, 0) for name in of_colours) for kind, of_colours in names.items()}
 
 
 def count_camera_samples(rays: Mapping[str, int]) -> int:
@@ -92,3 +85,11 @@ def pattern_costs(
     without_deltas = camera_sample_cost({**rays, "delta": 0}, shares, pilot_samples, 0, techniques, lights)
     of_lights = np.stack([*[(total - unlit) / lights] * lights, unlit - without_deltas])
     return total / total[EQUAL], of_lights / total[EQUAL]
+
+
+def relative_costs(closest: Array, occlusion: Array, shading_samples: Array | float, lights: int) -> Array:
+    """Return the cost of pixels in proportion, from their closest hits, of camera rays as well, and occlusion rays.
+
+    At each surface all of `lights` have so many `shading_samples`.
+    """
+    return closest * (CAMERA + SHADING * shading_samples * lights) + occlusion * RAY

@@ -27,7 +27,7 @@ MIXED = ((1, 1), (2, 1), (1, 2), (4, 1), (1, 4), (2, 2), (4, 2), (2, 4), (4, 4))
 PATTERNS = (*ENDS, *MIXED)
 """Light and BRDF samples ``(n_l, n_b)`` of a camera sample that has two shading samples by its settings."""
 FIRST = PATTERNS.index((2, 2))
-"""Index of the pattern of a first round: two pairs, which tell the variance at a point from that over the pixel."""
+"""Index of the pattern of a pilot: two pairs, which tell the variance at a point from that over the pixel."""
 EQUAL = PATTERNS.index((1, 1))
 """Index of the pattern in which budgets count."""
 SHARES = np.array(sorted({n_l / (n_l + n_b) for n_l, n_b in PATTERNS}))
@@ -65,8 +65,6 @@ class PatternMap:
         Light and BRDF samples ``(n_l, n_b)`` of each pattern.
     pattern
         Index of the pattern of each pixel, ``(H, W)``.
-    first
-        Light and BRDF samples of the camera samples of earlier rounds.
     halvings
         Halvings of each light, ``(L + 1, H, W)`` uint8, delta lights together in the last place; None: all camera
         samples sample all lights.
@@ -74,7 +72,6 @@ class PatternMap:
 
     patterns: tuple[tuple[int, int], ...]
     pattern: np.ndarray
-    first: tuple[int, int]
     halvings: np.ndarray | None = None
 
     def of_area(self, area: tuple[slice, slice]) -> PatternMap:
@@ -90,13 +87,9 @@ class PatternMap:
             if len(pixels):
                 yield pixels, samples.take(pixels), pattern
 
-    def shading_samples(self, samples: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Return the light and BRDF samples of each pixel, ``(2, H, W)``.
-
-        `samples` are its camera samples with its pattern, `before` those of earlier rounds, ``(H, W)`` each.
-        """
-        first, pattern = np.reshape(self.first, (2, 1, 1)), np.transpose(self.patterns)
-        return before * first.astype(np.int32) + samples * pattern.astype(np.int32)[:, self.pattern]
+    def shading_samples(self, samples: np.ndarray) -> np.ndarray:
+        """Return the light and BRDF samples of pixels of so many camera `samples` ``(H, W)``, ``(2, H, W)``."""
+        return samples * np.transpose(self.patterns).astype(np.int32)[:, self.pattern]
 
 
 @dataclass(eq=False)

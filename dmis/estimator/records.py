@@ -8,6 +8,9 @@ from typing import Protocol
 
 from dmis.base.vectors import Array, Selection
 
+PIXEL_SUMS = ("closest hits", "occlusion rays", "squares")
+"""Sums of a film whose statistic has a true ``pixel_sums``: rays of the pixels, and their samples squared."""
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
@@ -55,7 +58,9 @@ class Statistic(Protocol):
     """Sums over the shading samples of a tile; made with its number of pixels and of shading samples.
 
     `dmis.variance.curves.Curves` is one. Class attributes that are true ask for more: ``directions`` for those
-    of the samples, ``by_colour`` for sums and rays of the pixels of each colour (`dmis.base.patches.COLOURS`).
+    of the samples, ``by_colour`` for sums over the pixels of each colour (`dmis.base.patches.COLOURS`), and
+    ``pixel_sums`` for rays and squares of the pixels (`PIXEL_SUMS`). One whose ``needs_records`` is False
+    is sent none, which saves their time.
     """
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:

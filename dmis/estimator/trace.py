@@ -43,8 +43,7 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     traced = size(coverage, direction.shape[1])
     if traced < direction.shape[1]:
         every = np.arange(direction.shape[1])
-        uncovered = np.setdiff1d(every, take(every, coverage), assume_unique=True)
-        batch.caster.count(UNTRACED, len(uncovered), uncovered)
+        batch.caster.skip(UNTRACED, np.setdiff1d(every, take(every, coverage), assume_unique=True))
     if not traced:
         return total
     pending = [Rays(take(origin, coverage), take(direction, coverage), coverage, None, 0, ())]

@@ -1,14 +1,16 @@
-"""Rule of two rounds: the first, equal for all pixels, decides patterns and numbers of samples of the second.
+"""Rule of three rounds: a pilot decides patterns of samples, a first round numbers of samples, a second has the rest.
 
-A few samples of each pixel show where the image is noisy, and whether light or BRDF samples make less noise there. The
-rest of the budget goes where it lowers the error most, with the pattern that suits the place: see the formulas of
-`dmis.fit.best_pattern` and `dmis.fit.sample_density`.
+A few samples of each pixel show whether light or BRDF samples make less noise there, and where the image is noisy. The
+budget goes where it lowers the error most, with the pattern that suits the place: see the formulas of
+`dmis.fit.best_pattern` and `dmis.fit.sample_density`. What does not pay is left out: then the image has the samples of
+the rule ``balance``.
 
-Samples that are in the image must not decide how many there are. Where the first ones happen to hit a lamp, the pixel
-looks noisy and gets more, which pull its mean down to the truth; where they miss the lamp, it looks black and even, and
-stays so: the mean of all is too dark. So pixels have four *colours*, 2x2 neighbours having all of them, and the pattern
-and the number of samples of a pixel come from the samples of the other colours alone. Then the mean of all its samples,
-those of the first round included, is unbiased.
+The pilot's samples are not in the image, and so few that they cost little. Those of the first round are, and samples
+that are in the image must not decide how many there are. Where the first ones happen to hit a lamp, the pixel looks
+noisy and gets more, which pull its mean down to the truth; where they miss the lamp, it looks black and even, and stays
+so: the mean of all is too dark. So pixels have four *colours*, 2x2 neighbours having all of them, and the number of
+samples of a pixel comes from the samples of the other colours alone. Then the mean of all its samples, those of the
+first round included, is unbiased.
 """
 
 from __future__ import annotations
@@ -20,31 +22,43 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.patches import COLOURS, PATCH, other_colours, patch_spread
+from dmis.base.patches import COLOURS, PATCH, patch_spread
 from dmis.base.validate import number, one_of
+from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.cost import pattern_costs, rays_of_colours
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.patterns import FIRST, PATTERNS, SAMPLES_OF, PatternMap, separate_lights
-from dmis.fit.best_pattern import choose_patterns, curves_of_patches
+from dmis.estimator.patterns import EQUAL, SAMPLES_OF, separate_lights
+from dmis.fit.best_pattern import PatternChoice, decide_patterns, looks_at
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import OptionRule
-from dmis.fit.sample_density import CONFIDENCES, EXPONENT, sample_density, variance_of_colour, variance_of_mean
+from dmis.fit.sample_density import (
+    EXPONENT,
+    FirstRound,
+    density_of_colour,
+    sample_costs,
+    sample_variance,
+    variance_of_mean,
+)
 from dmis.fit.sample_numbers import FIRST_ROUNDS, LEAST_SPP, powers_of_two
 from dmis.variance.pattern_curves import PatternCurves
+
+LOOK, LOOK_PATHS = 16, 32
+"""Budgets for which the pilot has one camera sample, of direct lighting and of paths."""
+EXPONENTS = {"direct": EXPONENT, "path": 1.2}
+"""a of low-discrepancy points: more dimensions of a path are left to luck."""
 
 
 @dataclass(frozen=True)
 class Auto(OptionRule):
-    """Patterns of light and BRDF samples, and numbers of camera samples per pixel, from a first round.
+    """Patterns of light and BRDF samples from a pilot, and numbers of camera samples per pixel from a first round.
 
     Parameters
     ----------
     weights
-        Whether patterns may have any share of light samples; otherwise w = 1/2, and numbers of samples are learned.
+        Whether there is a pilot that chooses patterns; otherwise all are 1:1, and numbers of samples are learned.
     spp
-        Twice the number of camera samples of the first round, a multiple of 4; 0: by the budget. With a budget of less
-        than twice as many all pixels have equal numbers.
+        Camera samples of the first round, a power of two from 4 on; 0: by the budget. With a budget of less than twice
+        as many all pixels have equal numbers.
     exponent
         a; 0: by the sampler.
     filter
@@ -72,13 +86,15 @@ class Auto(OptionRule):
     statistic = PatternCurves
 
     def __post_init__(self) -> None:
-        if self.spp < 0 or self.spp % 4:
-            raise ValueError(f"spp of the first round must be a multiple of 4, or 0 to choose it; got {self.spp}")
+        if self.spp and (self.spp < 4 or self.spp & (self.spp - 1)):
+            raise ValueError(
+                f"spp of the first round must be a power of two from 4 on, or 0 to choose it; got {self.spp}"
+            )
         if self.exponent:
             number("exponent", self.exponent, 1, 3, "or 0 to choose it")
         number("guard", self.guard, 0, more="in standard errors")
         one_of("filter", self.filter, ("gaussian", "none", "joint"))
-        one_of("error", self.error, CONFIDENCES)
+        one_of("error", self.error, ("absolute", "relative"))
         if self.combiner is not None and not combiner_by_name(self.combiner).is_heuristic:
             raise ValueError(
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
@@ -87,7 +103,7 @@ class Auto(OptionRule):
 
     @property
     def pilot(self) -> Mapping[float, int]:
-        return {0.5: self.spp or FIRST_ROUNDS[0][1]}
+        return {0.5: 2}
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -99,71 +115,94 @@ class Auto(OptionRule):
         return max(LEAST_SPP, 2 * self.spp)
 
     def pilot_samples(self, spp: int) -> int:
-        """Return twice the number of camera samples of the first round of a budget; 0 if there is none."""
+        """Return the number of camera samples of the first round of a budget; 0 if there is none."""
         first = self.spp or next(n for below, n in FIRST_ROUNDS if spp < below)
         return 0 if spp < self.least_spp else first
 
+    def looks(self, budget: Budget) -> int:
+        """Return the number of camera samples of the pilot; 0 where no pattern can pay, or the budget is too small."""
+        path = budget.settings.integrator == "path"
+        mixable = budget.plan is None or budget.plan.mixable
+        if not self.weights or not mixable or budget.spp < (2 if path else 1) * LEAST_SPP:
+            return 0
+        return max(2, budget.spp // (LOOK_PATHS if path else LOOK))
+
     def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
-        """Yield the first round, which is the same for all pixels, and the second one that it decides."""
-        exponent = self.exponent or (1.0 if budget.settings.sampler == "independent" else EXPONENT)
-        lights = 0 if budget.plan is None else separate_lights(budget.plan, budget.settings)
-        statistic = partial(PatternCurves, combiner=budget.settings.combiner, lights=lights)
-        first_round = budget.pilot(0.5, self.pilot_samples(budget.spp), statistic, self.filter == "joint")
-        # the points of the second round go on from those of the first
-        settings = replace(first_round.settings, sampler=budget.settings.sampler)
-        first = yield replace(first_round, settings=settings)
-        second_round = replace(self, exponent=exponent).second_round(first, budget)
-        del first  # its statistics are large
-        yield second_round
-
-    def second_round(self, first: Pilot, budget: Budget) -> Round:
-        """Return patterns and numbers of samples from the first round.
-
-        Maps: `pattern` of each patch by colour, `variance` of each pixel's mean in the first round, `confidence`.
-        """
-        n_1 = int(np.max(first.moments.n))
-        variance = variance_of_mean(first)
-        shape = variance.shape
-        pattern = np.empty(shape, np.uint8)
-        begin, samples = np.empty((2, *shape), np.int32)
-        halvings = np.empty((first.sums["lights"].shape[1] if "lights" in first.sums else 0, *shape), np.uint8)
-        confidence = np.ones(len(COLOURS))
-        patches = []
-        for colour, at in enumerate(COLOURS):
-            if not pattern[at].size:
-                continue
-            curves, lights = curves_of_patches(first, colour, self.filter)
-            rays = rays_of_colours(first.rays, other_colours(colour))
-            costs = pattern_costs(rays, first.shading_samples, first.techniques, max(len(lights) - 1, 1))
-            first_cost = costs[0][FIRST]
-            v, first_share, confidence[colour] = variance_of_colour(
-                first, variance, curves, first_cost, colour, self.error, self.exponent
-            )
-            choice = choose_patterns(curves, lights, costs, first_share, self.weights, self.guard, self.exponent)
-            del curves, lights, first_share  # as large as an image
-            spread = partial(patch_spread, size=PATCH, shape=shape, at=at)
-            patches.append(choice.pattern)
-            pattern[at] = spread(choice.pattern)
-            halvings[:, *at] = spread(choice.halvings)
-            begin[at] = np.where(spread(choice.restarts), 0, n_1)
-            least = np.where(begin[at], n_1, 2)  # one sample has no variance
-            cost = spread(choice.cost)
-            density = sample_density(v * spread(choice.variance_ratio), cost, self.exponent)
-            # in units of camera samples of the pattern 1:1; the first round counts as if it had the pixel's own cost
-            allowance = (float(budget.spp) - first_cost * n_1 + begin[at] * cost).sum()
-            chance = budget.generator(1).random(shape)[at].copy()  # of the whole image, which is large
-            samples[at] = powers_of_two(density, cost, least, allowance, chance) - begin[at]
-            del choice, v, density, least, cost, chance  # images
-        scale = first.shading_samples // int(SAMPLES_OF[FIRST])
-        sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
-        return Round(
-            samples,
+        """Yield the pilot, the first round, which is the same for all pixels, and the second one that it decides."""
+        independent = budget.settings.sampler == "independent"
+        a = self.exponent or (1.0 if independent else EXPONENTS[budget.settings.integrator])
+        rule = replace(self, exponent=a)
+        n_1 = self.pilot_samples(budget.spp)
+        choice: PatternChoice | None = None
+        maps: dict[str, np.ndarray] = {}
+        features: Mapping[str, Array] = {}
+        if samples := self.looks(budget):
+            lights = 0 if budget.plan is None else separate_lights(budget.plan, budget.settings)
+            statistic = partial(PatternCurves, combiner=budget.settings.combiner, lights=lights)
+            pilot_round = budget.pilot(0.5, 2 * samples, statistic, self.filter == "joint")
+            pilot = yield replace(pilot_round, spp=samples * looks_at(budget.shape))
+            path = budget.settings.integrator == "path"
+            choice, error = decide_patterns(pilot, path, self.filter, self.error, self.guard, a)
+            features = pilot.features
+            del pilot  # its statistics are large
+            maps = {"pattern_error": np.array([error])}
+        first_round = Round(
+            n_1,
             shares_of(0.5),
             budget.settings,
-            patterns=PatternMap(sizes, pattern, sizes[FIRST], halvings if len(halvings) else None),
-            begin=begin,
+            FirstRound,
+            patterns=None if choice is None else choice.of_pixels(budget.shape, budget.settings.shading_samples),
+            image_weight=n_1,
+            stage="first",
+            needs_features=self.filter == "joint" and not features,
+        )
+        first = yield first_round
+        first = replace(first, features=features or first.features)
+        yield rule.second_round(first_round, first, budget, choice, maps)
+
+    def second_round(
+        self,
+        first_round: Round,
+        first: Pilot,
+        budget: Budget,
+        choice: PatternChoice | None,
+        maps: Mapping[str, np.ndarray],
+    ) -> Round:
+        """Return the second round: the numbers of samples that the first one decides, with the same patterns.
+
+        Maps: `variance` of each pixel's mean in the first round, and by colour `confidence` and `number_error`, see
+        `dmis.fit.sample_density.Density`.
+        """
+        n_1, path = int(first_round.spp), budget.settings.integrator == "path"
+        variance, independent = variance_of_mean(first), sample_variance(first, self.filter)
+        shape = variance.shape
+        samples = np.full(shape, budget.spp - n_1, np.int32)
+        confidence, number_error = np.ones((2, len(COLOURS)))
+        lights = 1 if budget.plan is None else max(len(budget.plan.sampled), 1)
+        of_equal = budget.settings.shading_samples
+        shading_samples = of_equal if choice is None else SAMPLES_OF[choice.pattern] * of_equal / SAMPLES_OF[EQUAL]
+        # of the pattern 1:1, in which budgets count, over that of the chosen one
+        over_pattern = np.ones(1) if choice is None else 1 / patch_spread(choice.cost, PATCH, shape)
+        over_pattern = np.broadcast_to(over_pattern, shape)
+        for colour, at in enumerate(COLOURS):
+            if not samples[at].size:
+                continue
+            cost = sample_costs(first, shading_samples, lights, colour)
+            density = density_of_colour(first, variance, independent, cost, colour, self.error, self.exponent, path)
+            confidence[colour], number_error[colour] = density.confidence, density.predicted
+            if density.confidence or over_pattern.min() < 1:
+                chance = budget.generator(1).random(shape)[at].copy()  # of the whole image, which is large
+                allowance = budget.spp * (cost[at] * over_pattern[at]).sum()
+                least = np.full(chance.shape, n_1)
+                samples[at] = powers_of_two(density.samples, cost[at], least, allowance, chance) - n_1
+        return replace(
+            first_round,
+            spp=samples if (samples != samples.flat[0]).any() else budget.spp - n_1,
+            statistic=None,
+            needs_features=False,
+            begin=n_1,
             before=first.moments,
             image_weight=budget.spp,
             stage="final",
-            maps={"pattern": np.stack(patches), "variance": variance, "confidence": confidence},
+            maps={**maps, "variance": variance, "confidence": confidence, "number_error": number_error},
         )

@@ -1,4 +1,4 @@
-"""Choice of the pattern of light and BRDF samples of each patch, from the first round of `dmis.fit.auto`.
+"""Choice of the pattern of light and BRDF samples of each patch, from the pilot of `dmis.fit.auto`.
 
 A pattern ``n_l : n_b`` is better than another if it has less error in the same time. A camera sample of pattern k has
 the variance V_k and costs C_k, so a time c pays for ``n = c / C_k`` of them, and as the squared error of n
@@ -8,80 +8,139 @@ low-discrepancy points falls as ``V n^-a``, the best pattern is that of the leas
 
 A light sample less, for example, makes C smaller and V larger; which of them matters more is another question in a
 penumbra than on a glossy ball. Each patch of 4x4 pixels answers it by its variance curve, which the samples of the
-first round give for all shares w of light samples at once (`dmis.variance.pattern_curves`). With independent points
+pilot give for all shares w of light samples at once (`dmis.variance.pattern_curves`). With independent points
 
     V = P + A(w) / S,
 
 P being the variance over the positions in the pixel, and A(w) that of one shading sample, of which a pattern has S.
+A curve is uncertain, and the least of many uncertain values is too small; so w = 1/2 is left only for a gain of several
+standard errors.
 
-A pixel that has n_1 camera samples from the first round, of the pattern 2:2, may **restart** its sequence with the new
-pattern: the first round is then lost, and the m new samples have the error ``V m^-a``. Or it may **continue**: the
-positions of all n = n_1 + m camera samples stay stratified, but the light and BRDF samples of the m later ones do not
-fill the gaps of the n_1 first ones. The mean consists of two parts, weighted by m / n and n_1 / n, whose error is
-
-    P n^-a + (m / n)^2 A(w) / S m^-a + (n_1 / n)^2 A(1/2) / 4 n_1^-a.
-
-(A technique with one sample has points n_1 to 2 n_1 - 1 of its sequence twice then, which the formula leaves out.)
-Of all patterns, continued or restarted, the one of the least error is chosen. A curve is uncertain, and the least of
-many uncertain values is too small; so w = 1/2 is left only for a gain of several standard errors.
+**Judge.** Whether the choice as a whole pays is asked of samples that did not make it: half of the pixels choose, and
+the curves of the other half say what error the choice has.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dmis.base.patches import COLOURS, PATCH, other_colours, patch_sum, row_blocks
-from dmis.base.vectors import Array
-from dmis.estimator.patterns import FIRST, SAMPLES_OF, SHARE_OF
+from dmis.base.patches import COLOURS, PATCH, patch_spread, patch_sum, row_blocks
+from dmis.base.vectors import TINY, Array
+from dmis.estimator.cost import pattern_costs
+from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, PatternMap
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.fit.pooling import pool
 from dmis.fit.round import Pilot
+from dmis.fit.sample_density import DARK
 from dmis.fit.sample_numbers import light_halvings
 
 HALF = int(SHARE_OF[FIRST])
-"""Index of w = 1/2, the share of the first round, in `dmis.estimator.patterns.SHARES`."""
+"""Index of w = 1/2, the share of the pilot, in `dmis.estimator.patterns.SHARES`."""
+
+PATTERN_PRICE = 0.95
+"""Predicted error over that of the pattern 1:1 from which on other patterns do not pay."""
+LOOKS = ((0, 0), (1, 2), (2, 1), (3, 3))
+"""The pixels of a patch that the pilot looks at, one of each colour."""
+HALVES: tuple[tuple[int, ...], ...] = ((0, 3), (1, 2))
+"""Colours that choose patterns, and those that judge, and the other way round."""
+ALL: tuple[int, ...] = (0, 1, 2, 3)
 
 
 @dataclass(frozen=True, eq=False)
 class PatternChoice:
-    """Pattern of each patch for its pixels of one colour, ``(rows, columns)`` each.
+    """Pattern of each patch, ``(rows, columns)``.
 
     Attributes
     ----------
     pattern
         Index in `dmis.estimator.patterns.PATTERNS`.
-    restarts
-        Whether the sequence restarts, so that the first round is not in the image.
-    variance_ratio
-        V over that of the first round's pattern.
     cost
         C, in units of a camera sample of the pattern 1:1.
     halvings
         Halvings of each light, ``(L + 1, rows, columns)`` or ``(0, rows, columns)``.
+    halved_variance
+        V over that without halvings.
     """
 
     pattern: np.ndarray
-    restarts: np.ndarray
-    variance_ratio: Array
     cost: Array
     halvings: np.ndarray
+    halved_variance: Array
+
+    def of_pixels(self, shape: tuple[int, int], shading_samples: int) -> PatternMap:
+        """Return the patterns of the pixels of an image, where the pattern 1:1 has so many `shading_samples`."""
+        scale = shading_samples // int(SAMPLES_OF[EQUAL])
+        sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
+        halvings = patch_spread(self.halvings, PATCH, shape) if len(self.halvings) else None
+        return PatternMap(sizes, patch_spread(self.pattern, PATCH, shape), halvings)
 
 
-def curves_of_patches(first: Pilot, colour: int, filter_: str) -> tuple[PatchCurves, Array]:
-    """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours.
+def looks_at(shape: tuple[int, int]) -> np.ndarray:
+    """Return 1 at the pixels of an image that the pilot looks at, 0 elsewhere, ``(H, W)`` int32."""
+    mask = np.zeros(shape, np.int32)
+    for y, x in LOOKS:
+        mask[y::PATCH, x::PATCH] = 1
+    return mask
+
+
+def decide_patterns(
+    pilot: Pilot, path: bool, filter_: str, error: str, guard: float, exponent: float
+) -> tuple[PatternChoice | None, float]:
+    """Return the patterns of patches from a pilot, None if they do not pay, and their predicted error.
+
+    The error is that over the error of the pattern 1:1 at equal cost. On a `path` one pattern is chosen for all,
+    because those of several are batches of their own, small at the later surfaces. For the options see
+    `dmis.fit.auto.Auto`.
+    """
+    weight = _patch_weight(pilot, error)
+    curves_of = {colours: curves_of_patches(pilot, colours, filter_) for colours in (*HALVES, ALL)}
+
+    def choose(colours: tuple[int, ...]) -> PatternChoice:
+        curves, lights = curves_of[colours]
+        costs = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, max(len(lights) - 1, 1))
+        if path:
+            return one_pattern(curves, costs[0], weight, exponent)
+        return choose_patterns(curves, lights, costs, guard, exponent)
+
+    predicted = float(
+        np.mean(
+            [
+                predicted_error(choose(chosen_by), curves_of[judged_by][0], weight, exponent)
+                for chosen_by, judged_by in (HALVES, HALVES[::-1])
+            ]
+        )
+    )
+    return (choose(ALL) if predicted < PATTERN_PRICE else None), predicted
+
+
+def _patch_weight(pilot: Pilot, error: str) -> Array:
+    """Return the weight of patches in the error, by the pixels that the pilot looks at."""
+    looked_at = patch_sum(looks_at(pilot.moments.mean.shape[:2]), PATCH)
+    radiance = patch_sum(pilot.moments.mean.mean(axis=2), PATCH) / looked_at
+    if error == "absolute":
+        return np.ones(radiance.shape)
+    # q = 1 / (I^2 + e)
+    return np.asarray(1 / (radiance**2 + max(DARK * float(radiance.mean()) ** 2, float(TINY))))
+
+
+def curves_of_patches(pilot: Pilot, colours: Sequence[int], filter_: str) -> tuple[PatchCurves, Array]:
+    """Return the curves of patches at `SHARES`, for two shading samples, from the samples of some colours.
 
     And the variance of what is reflected of each light, and of the rest, ``(L + 1, rows, columns)``; ``(0, ...)`` if it
     was not gathered.
     """
-    shape = first.moments.mean.shape[:2]
-    pixels = np.ones(shape, np.uint8)
-    pixels[COLOURS[colour]] = 0
+    shape = pilot.moments.mean.shape[:2]
+    pixels = np.zeros(shape, np.uint8)
+    for colour in colours:
+        pixels[COLOURS[colour]] = 1
+    pixels *= np.broadcast_to(pilot.moments.n, (*shape, 1))[..., 0] > 0
     number = {"pixels": np.maximum(patch_sum(pixels, PATCH), 1e-9)}
-    sums = ((name, sum(a[k] for k in other_colours(colour))) for name, a in first.sums.items() if name != "halves")
+    sums = ((name, sum(a[k] for k in colours)) for name, a in pilot.sums.items())
     sigma = None if filter_ == "none" else 1.0
-    features = first.features if filter_ == "joint" else None
+    features = pilot.features if filter_ == "joint" else None
     # no name keeps the sums: `pool` frees them
     means, effective_number = pool({**dict(sums), **number}, shape, PATCH, sigma, 2, features)
     lights = means.pop("lights", np.empty((0, *effective_number.shape)))
@@ -89,68 +148,69 @@ def curves_of_patches(first: Pilot, colour: int, filter_: str) -> tuple[PatchCur
 
 
 def choose_patterns(
-    curves: PatchCurves,
-    lights: Array,
-    costs: tuple[Array, Array],
-    first_share: Array,
-    weights: bool,
-    guard: float,
-    exponent: float,
+    curves: PatchCurves, lights: Array, costs: tuple[Array, Array], guard: float, exponent: float
 ) -> PatternChoice:
     """Return the best pattern of each patch, and the halvings of each light that suit it.
 
-    `curves` and `lights` are `curves_of_patches`, `costs` is `dmis.estimator.cost.pattern_costs`, and `first_share` the
-    first round's part of the cost of each patch. For the options see `dmis.fit.auto.Auto`.
+    `curves` and `lights` are `curves_of_patches`, `costs` is `dmis.estimator.cost.pattern_costs`. For the options see
+    `dmis.fit.auto.Auto`.
     """
     cost, light_costs = costs
-    allowed = allowed_weights(curves.curve.sum(axis=(1, 2))) & weights
+    allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))
     # some rows at a time, because there are many patterns
-    blocks = [
-        best_patterns(curves.rows(rows), cost, first_share[rows], allowed, guard, exponent)
-        for rows in row_blocks(len(first_share), 4)
-    ]
-    pattern, restarts, ratio = (np.concatenate(maps) for maps in zip(*blocks, strict=True))
-    choice = PatternChoice(pattern, restarts, ratio, cost[pattern], np.empty(lights.shape, np.uint8))
+    blocks = row_blocks(len(curves.position), 4)
+    pattern = np.concatenate([best_patterns(curves.rows(rows), cost, allowed, guard, exponent) for rows in blocks])
     if not len(lights):
-        return choice
-    lit = light_costs[:, pattern]
-    halvings, variance_ratio, cost_ratio = light_halvings(lights, lit, choice.cost - lit.sum(axis=0), exponent)
-    return PatternChoice(pattern, restarts, ratio * variance_ratio, choice.cost * cost_ratio, halvings)
+        return PatternChoice(pattern, cost[pattern], np.empty(lights.shape, np.uint8), np.ones(pattern.shape))
+    of_pattern, lit = cost[pattern], light_costs[:, pattern]
+    halvings, variance_ratio, cost_ratio = light_halvings(lights, lit, of_pattern - lit.sum(axis=0), exponent)
+    return PatternChoice(pattern, of_pattern * cost_ratio, halvings, variance_ratio)
 
 
-def best_patterns(
-    curves: PatchCurves, cost: Array, first_share: Array, allowed: np.ndarray, guard: float, exponent: float
-) -> tuple[np.ndarray, np.ndarray, Array]:
-    """Return the best pattern of each patch, whether its pixels restart, and V over the first round's.
-
-    `allowed` ``(G,)`` says which shares may be used; for the others see `choose_patterns`.
-    """
-    # V = P + A(w) / S,  A(w) / 2 being the curve
-    position = np.maximum(curves.position, 0)
-    shading = curves.curve[SHARE_OF] * (2 / SAMPLES_OF[:, None, None])
-    variance = np.maximum(position + shading, 0)
-    # n_1 camera samples of the first round and m later ones, for a total cost of 1
-    n_1 = first_share / cost[FIRST]
-    m = np.maximum(1 - first_share, 1e-3) / cost[:, None, None]
-    n = n_1 + m
-    # P n^-a + (m / n)^2 A(w) / S m^-a + (n_1 / n)^2 A(1/2) / 4 n_1^-a
-    shading_error = (m ** (2 - exponent) * shading + n_1 ** (2 - exponent) * shading[FIRST]) / n**2
-    error_continued = np.maximum(position * n**-exponent + shading_error, 0)
-    # the same pattern goes on with one even sequence,  V (1 / C)^-a
-    error_continued[FIRST] = variance[FIRST] * cost[FIRST] ** exponent
-    # V m^-a
-    error_restarted = variance * m**-exponent
-    restarts = error_restarted < error_continued
-    error = np.where(restarts, error_restarted, error_continued)
+def best_patterns(curves: PatchCurves, cost: Array, allowed: np.ndarray, guard: float, exponent: float) -> np.ndarray:
+    """Return the best pattern of each patch; `allowed` ``(G,)`` says which shares may be used."""
+    # V_k C_k^a
+    error = pattern_variances(curves) * cost[:, None, None] ** exponent
     # another share than 1/2 only where the gain is certain
     certain = curves.curve - curves.curve[HALF] < -guard * curves.gain_error()
     certain &= allowed[:, None, None]
     certain[HALF] = True
     error = np.where(certain[SHARE_OF], error, np.inf)
-    best = np.where(error[FIRST] <= error.min(axis=0), FIRST, error.argmin(axis=0))[None]
-    error, restarts, n, m = (np.take_along_axis(values, best, axis=0)[0] for values in (error, restarts, n, m))
-    # the V of one sequence of as many samples with the same error
-    variance_of_best = error * np.where(restarts, m, n) ** exponent
-    lit = variance[FIRST] > 0
-    ratio = np.divide(variance_of_best, variance[FIRST], out=np.ones_like(variance_of_best), where=lit)
-    return best[0].astype(np.uint8), restarts, ratio
+    return np.where(error[EQUAL] <= error.min(axis=0), EQUAL, error.argmin(axis=0)).astype(np.uint8)
+
+
+def one_pattern(curves: PatchCurves, cost: Array, weight: Array, exponent: float) -> PatternChoice:
+    """Return the best pattern for all patches, of at most two shading samples; no light is halved.
+
+    `weight` is that of each patch in the error.
+    """
+    allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[SHARE_OF] & (SAMPLES_OF <= SAMPLES_OF[EQUAL])
+    error = (pattern_variances(curves) * weight).sum(axis=(1, 2)) * cost**exponent
+    best = int(np.where(allowed, error, np.inf).argmin())
+    shape = curves.position.shape
+    none = np.empty((0, *shape), np.uint8)
+    return PatternChoice(np.full(shape, best, np.uint8), np.full(shape, cost[best]), none, np.ones(shape))
+
+
+def pattern_variances(curves: PatchCurves) -> Array:
+    """Return V of a camera sample with each pattern, ``(patterns, rows, columns)``."""
+    # V = P + A(w) / S,  A(w) / 2 being the curve
+    shading = curves.curve[SHARE_OF] * (2 / SAMPLES_OF[:, None, None])
+    return np.maximum(np.maximum(curves.position, 0) + shading, 0)
+
+
+def predicted_error(choice: PatternChoice, curves: PatchCurves, weight: Array, exponent: float) -> float:
+    """Return the error of a choice over that of the pattern 1:1 at the same cost.
+
+    It is that with the best numbers n_p of samples of patches, in proportion to (V_p q_p / C_p)^(1 / (1 + a))::
+
+        sum V_p q_p n_p^-a ~ (sum (V_p q_p C_p^a)^(1 / (1 + a)))^(1 + a)
+
+    `curves` are of samples that did not choose, and `weight` is q.
+    """
+    variance = pattern_variances(curves)
+    chosen = np.take_along_axis(variance, choice.pattern[None].astype(int), axis=0)[0] * choice.halved_variance
+    power = 1 / (1 + exponent)
+    of_choice = ((chosen * weight * choice.cost**exponent) ** power).sum()
+    equal = ((variance[EQUAL] * weight) ** power).sum()
+    return float((of_choice / equal) ** (1 + exponent)) if equal > 0 else 1.0

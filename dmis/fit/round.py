@@ -136,10 +136,13 @@ class Round:
 
     def _check_statistic(self) -> None:
         """Raise a ValueError if a statistic would get other numbers of samples than it is told."""
-        if self.statistic is not None and (np.ndim(self.spp) or self.patterns is not None):
+        if self.statistic is None or not getattr(self.statistic, "needs_records", True):
+            return
+        if len({*np.unique(self.spp)} - {0}) > 1 or self.patterns is not None:
             raise ValueError(
-                "a round with a statistic must have one number spp for all pixels, and no patterns, because a "
-                "statistic is sent as many camera samples of each pixel. Gather it in a round before"
+                "a round with a statistic must have one number spp for all pixels, or 0 where it leaves them out, and "
+                "no patterns, because a statistic is sent as many camera samples of each pixel. Gather it in a round "
+                "before"
             )
 
     def _check_techniques(self) -> None:
@@ -193,8 +196,9 @@ class Round:
         Only for rounds with `patterns`; ``(H, W)`` each.
         """
         assert self.patterns is not None
-        light, brdf = self.patterns.shading_samples(np.asarray(self.spp), np.asarray(self.begin))
-        return np.add(self.spp, self.begin), light, brdf
+        samples = np.broadcast_to(np.add(self.spp, self.begin), self.patterns.pattern.shape)
+        light, brdf = self.patterns.shading_samples(samples)
+        return samples, light, brdf
 
 
 def _shares_in_row_order(shares: Array) -> Array:

@@ -12,7 +12,7 @@ from dmis.estimator.patterns import MOST_HALVINGS
 LEAST_SPP = 16
 """Budget of `dmis.fit.auto` from which on there is a first round."""
 FIRST_ROUNDS = ((32, 4), (64, 8), (256, 16), (1024, 32), (math.inf, 64))
-"""Budgets below which a first round is so large: twice the number of its camera samples, which have two pairs."""
+"""Budgets below which a first round is so large, in camera samples."""
 
 LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
+from dmis.base.patches import PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.records import Records, Statistic
+from dmis.estimator.records import PIXEL_SUMS, Records, Statistic
 from dmis.fit.round import Round
 from dmis.samplers.streams import is_sequence
 from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks, join
@@ -36,8 +36,9 @@ class Observers:
     ----------
     statistic
         The statistic of the round; None: there is none.
-    colour_of_pixel
-        Colour of each pixel, ``(P,)``, by which the statistic has rays counted; None: it does not ask for that.
+    pixel_sums
+        Closest hits, occlusion rays, and squared samples of each pixel, ``(3, P)``, those of halved lights left out;
+        None: the statistic does not ask for them.
     """
 
     def __init__(self, round_: Round, shape: tuple[int, int]) -> None:
@@ -45,19 +46,17 @@ class Observers:
         self._shape, self._shading_samples = shape, settings.shading_samples  # without those of `Round.patterns`
         in_blocks = round_.halvings is not None or is_sequence(settings.sampler)
         self._moments = SubBlocks(round_.spp, pixels) if in_blocks else PixelMoments(pixels)
-        self.statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
+        # pixels that a statistic leaves out have no samples
+        self._observed = np.flatnonzero(np.broadcast_to(round_.spp, pixels))
+        self.statistic = round_.statistic and round_.statistic(len(self._observed), self._shading_samples)
         samples = round_.spp * np.full(pixels, self._shading_samples)
         self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
-        self.colour_of_pixel: np.ndarray | None = None
-        if asks(self.statistic, "by_colour"):
-            colour = np.zeros(shape, np.uint8)  # tiles begin at multiples of two
-            for number, at in enumerate(COLOURS):
-                colour[at] = number
-            self.colour_of_pixel = colour.reshape(-1)
+        self.pixel_sums = np.zeros((3, pixels)) if asks(self.statistic, "pixel_sums") else None
 
     def new_records(self) -> Records | None:
         """Return what the shading samples of a batch are written into, or None if nobody reads them."""
-        if self.statistic is None and self._collector is None:
+        reads = self.statistic is not None and getattr(self.statistic, "needs_records", True)
+        if not reads and self._collector is None:
             return None
         return Records(asks(self.statistic, "directions"))
 
@@ -80,6 +79,8 @@ class Observers:
             end = begin + block.count * len(block.pixels)
             of_block = values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
             self._moments.add(of_block, block.pixels, block.first)
+            if self.pixel_sums is not None:
+                self.pixel_sums[2, block.pixels] += np.square(of_block).mean(axis=1).sum(axis=0, dtype=np.float64)
             if samples.subsets is not None:
                 assert isinstance(self._moments, SubBlocks)
                 radiance = samples.subsets.radiance[..., begin:end]
@@ -87,6 +88,21 @@ class Observers:
                 sums = by_block.sum(axis=2, dtype=np.float64)
                 self._moments.add_sums(sums, block.pixels)
             begin = end
+
+    def sums(self) -> dict[str, Array]:
+        """Return the sums of the statistic over the patches, and the rays of their pixels if it asks for them."""
+        sums = {} if self.statistic is None else dict(self.statistic.sums())
+        if len(self._observed) < self._shape[0] * self._shape[1]:
+            sums = {name: self._spread(a) for name, a in sums.items()}
+        if self.pixel_sums is not None:
+            sums |= dict(zip(PIXEL_SUMS, self.pixel_sums, strict=True))
+        return patch_sums(sums, self._shape, asks(self.statistic, "by_colour"))
+
+    def _spread(self, values: Array) -> Array:
+        """Return values of the observed pixels in their places, 0 elsewhere, ``(..., P)``."""
+        spread = np.zeros((*values.shape[:-1], self._shape[0] * self._shape[1]), values.dtype)
+        spread[..., self._observed] = values
+        return spread
 
     def moments(self) -> Moments:
         """Return the moments of the pixels ``(3, P)``, corrected by the combiner; 0 where there were no samples."""
@@ -99,11 +115,10 @@ def asks(statistic: Statistic | None, wish: str) -> bool:
     return bool(getattr(statistic, wish, False))
 
 
-def patch_sums(statistic: Statistic | None, shape: tuple[int, int]) -> dict[str, Array]:
-    """Return the sums of a statistic over the patches of an area, by name; by colour in the first axis if it asks."""
-    sums = {} if statistic is None else statistic.sums()
+def patch_sums(sums: Mapping[str, Array], shape: tuple[int, int], of_colours: bool = False) -> dict[str, Array]:
+    """Return sums of pixels ``(..., P)``, by name, over the patches of an area; with colours in the first axis."""
     images = {name: a.reshape(*a.shape[:-1], *shape) for name, a in sums.items()}
-    if asks(statistic, "by_colour"):
+    if of_colours:
         images = {name: by_colour(image) for name, image in images.items()}
     return {name: patch_sum(image, PATCH) for name, image in images.items()}
 
@@ -184,11 +199,6 @@ class PassFilm:
             self.sums[name][..., rows, columns] = values
         self.rays.update(tile.rays)
         self.done[tile.number] = True
-
-
-def without_colours(rays: Mapping[str, int]) -> dict[str, int]:
-    """Return the rays by kind, without the counts by colour."""
-    return {kind: n for kind, n in rays.items() if " of colour " not in kind}
 
 
 def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:

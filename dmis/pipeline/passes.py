@@ -15,7 +15,7 @@ from dmis.base.vectors import Array
 from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
-from dmis.pipeline.film import PassFilm, without_colours
+from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles, render_tile
@@ -104,7 +104,7 @@ class Passes:
         self._rounds += 1
         self._render_missing(film, tiles, round_.stage)
         self._release()
-        rays = without_colours(film.rays)
+        rays = film.rays
         self.rays.update(rays)
         self.pilot_rays.update(rays if round_.stage == "pilot" else {})
         n = round_.spp + (0 if round_.before is None else round_.begin)

@@ -177,7 +177,8 @@ def make_result(
         samples, light, brdf = final.technique_samples()
         share, shading_samples = light / (light + brdf), (light + brdf) / samples
     else:
-        samples = job.spp - final.image_weight + np.asarray(final.spp, np.float32)
+        earlier = job.spp - final.image_weight if final.before is None else final.begin
+        samples = np.add(earlier, final.spp, dtype=np.float32)
         share, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
     described = job.without_tables()
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"

@@ -16,7 +16,7 @@ from dmis.estimator.settings import Settings
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import CountingCaster, RayCaster
-from dmis.pipeline.film import FilmTile, Observers, patch_sums
+from dmis.pipeline.film import FilmTile, Observers
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Numbers, stream
 from dmis.scene.scene import Scene
@@ -149,7 +149,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
     tile = replace(tile, round=tile.round.in_row_order())
     round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
     observers = Observers(round_, tile.shape)
-    counting = CountingCaster(caster or scene.intersector, observers.colour_of_pixel)
+    counting = CountingCaster(caster or scene.intersector, observers.pixel_sums)
     techniques, combiner = round_.mixture, combiner_by_name(round_.settings.combiner)
     covered = _covered_pixels(scene, tile)
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
@@ -177,9 +177,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
             values = radiance(batch, *_camera_rays(scene, numbers, (x, y), samples.pixel), may_see)
             observers.add(blocks, samples, values, records)
     mean, root = _pixel_moments(observers.moments(), tile)
-    sums = patch_sums(observers.statistic, tile.shape)
     place = (tile.pass_, tile.number, tile.rows, tile.columns)
-    return FilmTile(*place, mean, root, counting.rays, sums, counting.seconds)
+    return FilmTile(*place, mean, root, counting.rays, observers.sums(), counting.seconds)
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:

@@ -33,15 +33,10 @@ class PatternCurves(Curves):
         super().__init__(pixels, shading_samples, combiner, SHARES)
         self._lights = np.zeros((lights + 1, pixels)) if lights else None
         self._rounding_variance = np.zeros(len(SHARES))
-        self._halves = np.zeros(pixels)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """Add one block, as `dmis.variance.curves.Curves.add` does."""
         super().add(records, radiance, count)
-        half = count // 2
-        samples = radiance.reshape(3, count, -1)
-        first, second = (a.mean(axis=1, dtype=np.float64) for a in (samples[:, :half], samples[:, half : 2 * half]))
-        self._halves += np.square(second - first).mean(axis=0)
         if self._lights is not None:
             *lights, rest = self._lights
             left = radiance.copy()
@@ -63,11 +58,10 @@ class PatternCurves(Curves):
     def sums(self) -> dict[str, Array]:
         """Return the sums per pixel, see `dmis.variance.curves.Curves.sums`.
 
-        Those of rounding are left out. In their place are `halves`, squared differences between the means of the first
-        and of the second half of the samples, ``(P,)``, and `lights`, the variance of what the first surface reflects
-        of each light, and of all the rest, ``(L + 1, P)``.
+        Those of rounding are left out. In their place is `lights`, the variance of what the first surface reflects of
+        each light, and of all the rest, ``(L + 1, P)``.
         """
         sums = super().sums()
         del sums["pattern"]
         lights = {} if self._lights is None else {"lights": self._lights / max(self._n, 1)}
-        return sums | {"halves": self._halves} | lights
+        return sums | lights

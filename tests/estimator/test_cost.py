@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from dmis.base.patches import other_colours
-from dmis.estimator.cost import camera_sample_cost, pattern_costs, rays_of_colours
+from dmis.estimator.cost import camera_sample_cost, pattern_costs, relative_costs
 from dmis.estimator.patterns import PATTERNS
-from dmis.intersect import ray_kind_of_colour
 
 RAYS = {"camera": 80, "untraced": 20, "shadow": 300, "brdf": 60, "resampled": 450, "delta": 100, "guide": 7}
 
@@ -32,10 +30,14 @@ def test_costs_of_lights_by_hand() -> None:
     The pattern n_l : n_b is of 2 n_l and 2 n_b samples, which cost .5 + .4 * 900 / 1200 and .5 + .4 * 180 / 1200.
     """
     rays = {"camera": 100, "shadow": 300, "brdf": 60, "delta": 40}
-    rays |= {ray_kind_of_colour(kind, k): 10 * n if k == 2 else n for kind, n in rays.items() for k in range(4)}
-    cost, of_lights = pattern_costs(rays_of_colours(rays, other_colours(2)), 8, ("light", "brdf"), 2)
+    cost, of_lights = pattern_costs({kind: 3 * n for kind, n in rays.items()}, 8, ("light", "brdf"), 2)
     n_l, n_b = np.transpose(PATTERNS)
     samples, deltas = 2 * n_l * 0.8 + 2 * n_b * 0.56, 0.65 * 120 / 300
     np.testing.assert_allclose(cost, (1 + deltas + samples) / (1 + deltas + 2.72))
     expected = np.array([samples / 2, samples / 2, deltas + 0 * samples]) / (1 + deltas + 2.72)
     np.testing.assert_allclose(of_lights, expected)
+
+
+def test_costs_of_pixels_by_hand() -> None:
+    """A surface costs 1, and .25 for each of 4 samples of 3 lights; an occlusion ray .4."""
+    np.testing.assert_allclose(relative_costs(np.array([1.0, 2]), np.array([5.0, 0]), 4, 3), [1 + 3 + 2, 8])

@@ -32,7 +32,7 @@ class Halved(Rule):
         halvings = None if self.halvings is None else np.uint8(np.zeros(shape) + np.reshape(self.halvings, (-1, 1, 1)))
         if self.at_random:
             halvings = np.random.default_rng(1).integers(0, MOST_HALVINGS + 1, shape).astype(np.uint8)
-        patterns = PatternMap(((1, 1),), pattern, (1, 1), halvings)
+        patterns = PatternMap(((1, 1),), pattern, halvings)
         more = {"patterns": patterns, "image_weight": budget.spp, "begin": self.begin}
         yield Round(budget.spp, shares_of(0.5), budget.settings, **more)
 

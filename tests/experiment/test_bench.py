@@ -28,7 +28,6 @@ from dmis.experiment.bench.judge import (
 )
 from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.oracle import Oracle
-from dmis.fit.auto import Auto
 from dmis.fit.round import Budget, Fit, Pilot, Round
 from dmis.fit.second_moment import SecondMoment
 from tests.helpers import Z_LIMIT, fresh_python, shared_scene
@@ -117,7 +116,7 @@ def with_films(rule: dmis.Rule, films: list[Pilot]) -> dmis.Rule:
 
 @pytest.mark.parametrize(
     ("rule", "spp", "shading_samples"),
-    [(SecondMoment(), 3, 4), (Auto(), 4, 4), (SecondMoment("neyman"), 3, 4), (Tilted(), 2, 2)],
+    [(SecondMoment(), 3, 4), (SecondMoment("neyman"), 3, 4), (Tilted(), 2, 2)],
 )
 def test_films_are_those_of_the_pilot(rule: dmis.Rule, spp: int, shading_samples: int) -> None:
     """From the samples of a pilot, a rule gets the film that the render of the pilot makes."""

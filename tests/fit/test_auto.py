@@ -1,4 +1,4 @@
-"""Two rounds: planted best patterns, numbers from the neighbours alone, and no bias on spikes."""
+"""A pilot and two rounds: planted best patterns, numbers from the neighbours alone, and no bias on spikes."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,64 +8,84 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.base.patches import COLOURS, PATCH, by_colour, other_colours, patch_sum
+from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
-from dmis.estimator.cost import pattern_costs, rays_of_colours
-from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
+from dmis.estimator.allocation import shares_of
+from dmis.estimator.cost import pattern_costs
+from dmis.estimator.patterns import EQUAL, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
+from dmis.estimator.records import PIXEL_SUMS
 from dmis.fit import auto, sample_density
 from dmis.fit.auto import Auto
-from dmis.fit.best_pattern import HALF, best_patterns
+from dmis.fit.best_pattern import (
+    ALL,
+    HALF,
+    LOOKS,
+    PatternChoice,
+    best_patterns,
+    decide_patterns,
+    looks_at,
+    predicted_error,
+)
 from dmis.fit.curve_minimum import PatchCurves
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.sample_numbers import powers_of_two
-from dmis.intersect import ray_kind_of_colour
 from dmis.variance.curves import with_gain_square
 from dmis.variance.moments import Film
 
-PLAIN = Auto(spp=16, exponent=1.4, filter="none", guard=0.0)
+PLAIN = Auto(spp=8, exponent=1.4, filter="none", guard=0.0)
 """A rule that believes planted curves."""
 RAYS = {"camera": 1000, "shadow": 1900, "brdf": 1300}
-RAYS |= {ray_kind_of_colour(kind, k): n // 4 for kind, n in RAYS.items() for k in range(4)}
 EVEN = np.ones((16, 16, 3))
 FLAT = np.ones(len(SHARES))
 N = 8
 """Camera samples of a first round."""
 LIGHTS = 2
-"""Lights of a random first round."""
+"""Lights of a random pilot."""
 Z_LIMIT = 4.5
 
 
-def pilot(
-    curve: Array, position: Array | float = 0.0, root: Array = EVEN, own: Array | None = None, budget: int = 10**6
-) -> Pilot:
-    """Return a first round of pixels with the curves ``(G,)`` or ``(..., G, rows, columns)`` and with a `root` of m2.
-
-    The halves of its samples differ as if the root were `own`; None: `root`.
-    """
-    own = root if own is None else own
-    patches = tuple(-(-n // PATCH) for n in root.shape[:2])
+def pilot(curve: Array, position: Array | float = 0.0, shape: tuple[int, int] = (16, 16)) -> Pilot:
+    """Return a pilot of pixels of radiance 1 with the curves ``(G,)`` or ``(..., G, rows, columns)``."""
+    patches = tuple(-(-n // PATCH) for n in shape)
     curve = np.broadcast_to(curve[:, None, None] if curve.ndim == 1 else curve, (4, len(SHARES), *patches))
     sums = {"curve": curve, "gain_square": np.stack([with_gain_square(c, c, HALF)["gain_square"] for c in curve])}
     sums["position"] = np.broadcast_to(position, (4, *patches))
-    sums = {name: 4.0 * a for name, a in sums.items()}  # a quarter of the 16 pixels of a patch has each colour
-    sums["halves"] = patch_sum(by_colour((own**2).mean(axis=2)), PATCH)
-    film = Film(N, np.ones(root.shape, np.float32), root.astype(np.float32))
-    return Pilot(film, RAYS, sums, budget=budget)
+    looked_at = looks_at(shape)[..., None]
+    film = Film(2 * looked_at, np.repeat(looked_at, 3, axis=2).astype(np.float32), np.zeros((*shape, 3), np.float32))
+    return Pilot(film, RAYS, sums)
 
 
-def random_pilot(shape: tuple[int, int]) -> Pilot:
-    """Return a first round with random variances and curves of each colour."""
+def first_film(root: Array, mean: Array | float = 1.0, budget: int = 10**6) -> Pilot:
+    """Return a first round of pixels with a `root` of m2 between sub-blocks, whose samples differ no more."""
+    mean = np.broadcast_to(np.float32(mean), root.shape).copy()
+    ones, square = np.ones(root.shape[:2]), N * np.square(mean).mean(axis=2)
+    sums = zip(PIXEL_SUMS, (N * ones, N * ones, square), strict=True)
+    of_patches = {name: patch_sum(by_colour(a), PATCH) for name, a in sums}
+    return Pilot(Film(N, mean, root.astype(np.float32)), RAYS, of_patches, budget=budget)
+
+
+def random_film(shape: tuple[int, int]) -> Pilot:
+    """Return a first round with random means, variances and rays of each pixel."""
     rng = np.random.default_rng(1)
+    first = first_film(rng.lognormal(0, 2, (*shape, 3)), rng.lognormal(0, 1, (*shape, 1)), budget=64)
+    return replace(first, sums={name: a * rng.lognormal(0, 0.5, a.shape) for name, a in first.sums.items()})
+
+
+def choice_of(shape: tuple[int, int], cost: Array | float = 1.0) -> PatternChoice:
+    """Return a choice of the pattern 1:1 in all patches, whose samples have a `cost`."""
     patches = tuple(-(-n // PATCH) for n in shape)
-    curve, position = rng.lognormal(0, 1, (4, len(SHARES), *patches)), rng.lognormal(0, 1, (4, *patches))
-    first = pilot(curve, position, rng.lognormal(0, 2, (*shape, 3)), budget=64)
-    return replace(first, sums={**first.sums, "lights": rng.lognormal(0, 2, (4, LIGHTS + 1, *patches))})
+    none = np.empty((0, *patches), np.uint8)
+    return PatternChoice(
+        np.full(patches, EQUAL, np.uint8), np.broadcast_to(float(cost), patches), none, np.ones(patches)
+    )
 
 
-def second_round(first: Pilot, rule: Auto = PLAIN) -> Round:
+def second_round(first: Pilot, rule: Auto = PLAIN, choice: PatternChoice | None = None) -> Round:
     """Return the second round that a rule decides from the first one."""
-    return rule.second_round(first, Budget(first.budget, first.moments.mean.shape[:2], dmis.Settings(), seed=3))
+    shape = first.moments.mean.shape[:2]
+    budget = Budget(first.budget, shape, dmis.Settings(sampler="sobol", integrator="direct", max_depth=5), seed=3)
+    return rule.second_round(Round(N, shares_of(0.5), budget.settings), first, budget, choice, {})
 
 
 def decided(first: Pilot, rule: Auto = PLAIN) -> Array:
@@ -79,8 +99,14 @@ def decided(first: Pilot, rule: Auto = PLAIN) -> Array:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(auto, "powers_of_two", keep)
-        second_round(first, rule)
+        # patterns that cost more: numbers are divided even where variance is luck
+        second_round(first, rule, choice_of(maps.shape[1:], 1.01))
     return maps
+
+
+def decided_patterns(looked: Pilot, path: bool = False, guard: float = 0.0) -> tuple[PatternChoice | None, float]:
+    """Return the patterns that a pilot decides, and their predicted error."""
+    return decide_patterns(looked, path, "none", "relative", guard, 1.4)
 
 
 def costs(lights: int = 1) -> Array:
@@ -93,99 +119,129 @@ def costs(lights: int = 1) -> Array:
     return cost / cost[EQUAL]
 
 
+# --- patterns
+
+
 def test_best_pattern_by_the_formula() -> None:
-    """The error of going on and of restarting, at equal cost, for random curves and parts of the first round."""
+    """The least V C^a, for random curves; other shares than a half only where the curve is below."""
     rng, a = np.random.default_rng(5), 1.4
     curve, place, cost = rng.lognormal(0, 1, (len(SHARES), 1, 200)), rng.lognormal(-1, 1, (1, 200)), costs()
     curves = PatchCurves(curve, (curve - curve[HALF]) ** 2, place, np.full((1, 200), 12.0), HALF)
-    spent = rng.uniform(0.02, 0.6, (1, 200))
-    patterns, restarts, ratio = best_patterns(curves, cost, spent, np.ones(len(SHARES), bool), 0.0, a)
-    n_1, m = spent / cost[FIRST], (1 - spent) / cost[:, None, None]
-    n, v = n_1 + m, np.array([place + 2 * curve[g] / s for g, s in zip(SHARE_OF, SAMPLES_OF)])
-    of_lobes = (m / n) ** 2 * (v - place) * m**-a + (n_1 / n) ** 2 * curve[HALF] / 2 * n_1**-a
-    on, anew = place * n**-a + of_lobes, v * m**-a
-    on[FIRST] = v[FIRST] * cost[FIRST] ** a
-    error = np.where((curve < curve[HALF])[SHARE_OF] | (SHARE_OF == HALF)[:, None, None], np.minimum(on, anew), np.inf)
-    best = error.argmin(axis=0)[None]
-    np.testing.assert_array_equal(patterns, best[0])
-    assert 0.1 < restarts.mean() < 0.9 and len(np.unique(best)) > 5
-    on, anew, n, m, error = (np.take_along_axis(x, best, axis=0)[0] for x in (on, anew, n, m, error))
-    np.testing.assert_array_equal(restarts, anew < on)
-    np.testing.assert_allclose(ratio, error * np.where(restarts, m, n) ** a / v[FIRST])
+    patterns = best_patterns(curves, cost, np.ones(len(SHARES), bool), 0.0, a)
+    v = np.array([place + 2 * curve[g] / s for g, s in zip(SHARE_OF, SAMPLES_OF)])
+    possible = (curve < curve[HALF])[SHARE_OF] | (SHARE_OF == HALF)[:, None, None]
+    best = np.where(possible, v * cost[:, None, None] ** a, np.inf).argmin(axis=0)
+    np.testing.assert_array_equal(patterns, best)
+    assert len(np.unique(best)) > 5
 
 
-def test_spikes_not_seen_yet_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tenth of (A / 4 + P) / n of independent points, over I^2 + .1 I^2 for relative errors; and V of 8 samples."""
-    spikes = []
-    monkeypatch.setattr(sample_density, "neighbour_variance", lambda v, s, *_: spikes.append(s) or np.ones(v.shape))
-    for error, weight in (("absolute", 1), ("relative", 1 / 1.1)):
-        second = second_round(pilot(3 * FLAT, 2.0), replace(PLAIN, error=error))
-        np.testing.assert_allclose(spikes.pop(), 0.1 * (3 / 2 + 2) / N * weight, rtol=1e-6)
-        np.testing.assert_allclose(second.maps["variance"], 1 / (8 * 7))
+def test_error_that_is_predicted_is_that_of_the_best_numbers() -> None:
+    """Of two patches with other V, C and q: the least sum of V q n^-a over n at a cost of 2, by search."""
+    a, cost, weight = 1.4, np.array([[1.5, 0.5]]), np.array([[1.0, 3.0]])
+    curve = np.ones((len(SHARES), 1, 2)) * [[0.5, 0.1]]
+    curves = PatchCurves(curve, 0 * curve, np.array([[1.0, 2.0]]), np.ones((1, 2)), HALF)
+    choice = PatternChoice(np.array([[11, 0]]), cost, np.empty((0, 1, 2), np.uint8), np.ones((1, 2)))
+    assert PATTERNS[11] == (2, 2) and PATTERNS[0] == (1, 0)
+    n_0 = np.linspace(1e-3, 1.999, 10**5)
 
+    def least(variance: Array, cost: Array) -> float:
+        v, c = (variance * weight)[0], cost[0]
+        return float((v[0] * (n_0 / c[0]) ** -a + v[1] * ((2 - n_0) / c[1]) ** -a).min())
 
-def test_numbers_where_few_samples_see_a_light() -> None:
-    """n ~ (V / C)^(1 / (1 + a)) with the V and C that are left; half of the image has other variances of lights."""
-    lights = np.array([[1, 0.02, 0.02], [1, 1, 0.3]]).repeat(2, axis=0).T[:, None] * np.ones((4, 1, 4, 1))
-    first = pilot(0 * FLAT)
-    first = replace(first, sums={**first.sums, "lights": lights})
-    patterns, (density, cost) = second_round(first).patterns, decided(first)
-    assert patterns is not None and patterns.halvings is not None and (patterns.pattern == FIRST).all()
-    left = patterns.halvings[:, 0, [0, -2]].astype(float)
-    v = lights[0, :, 0, [0, -1]].T
-    rays = rays_of_colours(RAYS, other_colours(0))
-    all_costs, of_lights = pattern_costs(rays, first.shading_samples, first.techniques, LIGHTS)
-    ratio = (v * 2.0 ** (1.4 * left)).sum(axis=0) / v.sum(axis=0)
-    c = all_costs[FIRST] - (of_lights[:, FIRST, None] * (1 - 2.0**-left)).sum(axis=0)
-    assert (left[:, 0] != left[:, 1]).any()
-    np.testing.assert_allclose(cost[0, [0, -2]], c)
-    of_halves = density[0, [0, -2]]
-    assert of_halves[0] / of_halves[1] == pytest.approx(((ratio / c)[0] / (ratio / c)[1]) ** (1 / 2.4))
+    expected = least(np.array([[1.25, 2.2]]), cost) / least(np.array([[1.5, 2.1]]), np.ones((1, 2)))
+    assert predicted_error(choice, curves, weight, a) == pytest.approx(expected, rel=1e-6)
 
 
 def test_ends_need_to_be_good_for_the_image() -> None:
     """In a patch where light samples alone are best; not where the whole image is far worse with them."""
     curve = np.ones((len(SHARES), 4, 4))
-    curve[-1, 0, 0] = 0.01
-    assert (second_round(pilot(curve)).maps["pattern"][:, 0, 0] < 3).all()
+    curve[-1, 0, 0] = 1e-3
+    choice, _ = decided_patterns(pilot(curve))
+    assert choice is not None and choice.pattern[0, 0] < 3
     curve[-1, 3, 3] = 50
-    chosen = second_round(pilot(curve)).maps["pattern"]
-    assert all(min(PATTERNS[k]) > 0 for k in np.unique(chosen))
-
-
-def test_shares_of_counts_are_a_half() -> None:
-    """However good others are."""
-    curve = FLAT.copy()
-    curve[[0, -2, -1]] = 1e-3
-    patterns = second_round(pilot(curve), replace(PLAIN, weights=False)).patterns
-    np.testing.assert_array_equal(SHARES[SHARE_OF[patterns.pattern]], 0.5)
-    assert isinstance(make_rule("counts"), Auto) and not make_rule("counts").weights
-    with pytest.raises(ValueError, match=r"rule counts has the options spp, .*; got 'weights'"):
-        make_rule("counts:weights=yes")
+    choice, _ = decided_patterns(pilot(curve))
+    assert choice is None or all(min(PATTERNS[k]) > 0 for k in np.unique(choice.pattern))
 
 
 def test_guard_holds_uncertain_gains() -> None:
     """Pixels that differ: a gain within some standard errors of its mean is none."""
     curve = FLAT.copy()
-    curve[-2] = 0.5
+    curve[-2] = 0.1
     first = pilot(curve)
-    noisy = {**first.sums, "gain_square": first.sums["gain_square"] + 4 * 100.0}
+    noisy = {**first.sums, "gain_square": first.sums["gain_square"] + 100.0}
     for sums, share in ((first.sums, SHARES[-2]), (noisy, 0.5)):
-        second = second_round(replace(first, sums=sums), replace(PLAIN, guard=1.5))
-        np.testing.assert_allclose(SHARES[SHARE_OF[second.patterns.pattern]], share)
+        choice, _ = decided_patterns(replace(first, sums=sums), guard=1.5)
+        patterns = EQUAL if choice is None else choice.pattern
+        np.testing.assert_allclose(SHARES[SHARE_OF[patterns]], share)
+
+
+def test_patterns_that_do_not_pay_are_left_out() -> None:
+    """Flat curves have nothing to gain; what one half of the pixels gains from its own luck, the other half refuses."""
+    choice, error = decided_patterns(pilot(FLAT, 3.0))
+    assert choice is None and error >= 0.95
+    rng = np.random.default_rng(1)
+    curve = np.broadcast_to(FLAT[:, None, None], (4, len(SHARES), 16, 16)) * rng.lognormal(0, 1.5, (4, 1, 16, 16))
+    luck = curve.copy()
+    for half in ((0, 3), (1, 2)):
+        luck[half, :] = luck[half, :] * rng.lognormal(0, 2, (len(SHARES), 16, 16))
+    choice, error = decided_patterns(pilot(luck, 1.0, (64, 64)), path=True)
+    assert choice is None or error < 0.95
+
+
+def test_paths_have_one_pattern_of_two_samples_at_most() -> None:
+    """Light samples alone are best in one half, and worse in the other: what is best for both together."""
+    curve = np.ones((len(SHARES), 4, 4))
+    curve[-1, :, :2], curve[-1, :, 2:] = 0.1, 0.9
+    choice, error = decided_patterns(pilot(curve), path=True)
+    assert choice is not None and error < 0.95
+    assert len(np.unique(choice.pattern)) == 1 and SAMPLES_OF[choice.pattern[0, 0]] <= 2
+    assert SHARES[SHARE_OF[choice.pattern[0, 0]]] == 1
+
+
+def test_lights_that_few_samples_see() -> None:
+    """Weak and smooth lights are halved; the pilot tells the variance of each."""
+    lights = np.array([[1, 0.002, 0.002], [1, 1, 0.3]]).repeat(2, axis=0).T[:, None] * np.ones((4, 1, 4, 1))
+    curve = FLAT.copy()
+    curve[-1] = 1e-3
+    looked = pilot(curve)
+    choice, _ = decided_patterns(replace(looked, sums={**looked.sums, "lights": lights}))
+    assert choice is not None and (choice.halvings[1, :, :2] > choice.halvings[1, :, 2:]).all()
+    of_pattern, of_lights = pattern_costs(RAYS, 4, ("light", "brdf"), LIGHTS)
+    k = choice.pattern[0, 0]
+    part = 2.0 ** -choice.halvings[:, 0, 0].astype(float)
+    assert choice.cost[0, 0] == pytest.approx(of_pattern[k] - (of_lights[:, k] * (1 - part)).sum())
+
+
+def test_the_pilot_looks_at_one_pixel_of_each_colour_in_a_patch() -> None:
+    mask = by_colour(looks_at((8, 12)))
+    np.testing.assert_array_equal(patch_sum(mask, PATCH), np.ones((4, 2, 3)))
+    assert len(LOOKS) == len(ALL) == 4 and patch_sum(looks_at((5, 9)), PATCH).min() == 1
+
+
+# --- numbers of samples
+
+
+def test_spikes_not_seen_yet_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of V / (n - 1) of samples, over I^2 + .1 I^2 for relative errors; and V of 8 samples in sub-blocks."""
+    spikes = []
+    monkeypatch.setattr(sample_density, "neighbour_variance", lambda v, s, *_: spikes.append(s) or np.ones(v.shape))
+    first = first_film(EVEN)
+    first = replace(first, sums={**first.sums, "squares": first.sums["squares"] * 3})  # mean 1, mean square 3
+    for error, weight in (("absolute", 1), ("relative", 1 / 1.1)):
+        second = second_round(first, replace(PLAIN, error=error))
+        np.testing.assert_allclose(spikes.pop(), 0.1 * (3 - 1) / (N - 1) * weight, rtol=1e-5)
+        np.testing.assert_allclose(second.maps["variance"], 1 / (8 * 7))
 
 
 @pytest.mark.parametrize("error", ["absolute", "relative"])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 3), (3, 2), (17, 30)])
 def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int], error: str) -> None:
-    """Samples of one colour's pixels change: their patterns and numbers do not, those of others do."""
-    first, rule = random_pilot(shape), replace(PLAIN, filter="gaussian", error=error)
+    """Samples of one colour's pixels change: their numbers do not, those of others do."""
+    first, rule = random_film(shape), replace(PLAIN, error=error)
 
     def maps(first: Pilot) -> Array:
-        second = second_round(first, rule)
-        assert second.patterns is not None and second.patterns.halvings is not None
-        halvings = second.patterns.halvings.sum(axis=0)
-        return np.array([*decided(first, rule), second.patterns.pattern, halvings, second.begin, second.spp])
+        second = second_round(first, rule, choice_of(shape, 1.01))
+        return np.array([*decided(first, rule), np.broadcast_to(second.spp, shape)])
 
     expected = maps(first)
     assert np.isfinite(expected).all() and (expected >= 0).all()
@@ -193,88 +249,119 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int], erro
         sums = {name: a.copy() for name, a in first.sums.items()}
         for a in sums.values():
             a[colour] *= np.random.default_rng(2).lognormal(0, 2, a[colour].shape)
-        root = first.moments.root.copy()
+        root, mean = first.moments.root.copy(), first.moments.mean.copy()
         root[at] *= 100
-        mean = first.moments.mean.copy()
         mean[at] *= 10
-        rays = {**first.rays, ray_kind_of_colour("brdf", colour): 10**5}
-        changed = maps(replace(first, sums=sums, moments=replace(first.moments, mean=mean, root=root), rays=rays))
-        np.testing.assert_array_equal(changed[:, *at], expected[:, *at])
+        changed = maps(replace(first, sums=sums, moments=replace(first.moments, mean=mean, root=root)))
+        np.testing.assert_allclose(changed[:, *at] / np.maximum(expected[:, *at], 1e-9), 1, rtol=1e-12)
         if expected[0].size > 100:
             assert (changed != expected).any(axis=(1, 2)).all()
 
 
-def test_relative_errors_spend_more_on_dark_pixels() -> None:
+def test_relative_errors_spend_more_on_dark_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of the image is ten times brighter, with ten times the deviation: its relative error is the same."""
+    monkeypatch.setattr(sample_density, "PRICE", 1.0)  # however little it gains
     bright = np.where(np.arange(32) < 16, 10.0, 1.0)[:, None, None] * np.ones((32, 32, 3))
-    first = pilot(0 * FLAT, root=bright)
-    first = replace(first, moments=replace(first.moments, mean=bright.astype(np.float32)))
-    density = {error: decided(first, replace(PLAIN, error=error))[0] for error in ("absolute", "relative")}
+    density = {
+        error: decided(first_film(bright, bright), replace(PLAIN, error=error))[0] for error in ("absolute", "relative")
+    }
     ratio = {error: of_pixels[:8].mean() / of_pixels[24:].mean() for error, of_pixels in density.items()}
     assert ratio["absolute"] == pytest.approx(100 ** (1 / 2.4), rel=1e-3)
     # (I^2 / (I^2 + e))^(t / 2.4) of both halves,  e = .1 * 5.5^2,  t = .75
     assert ratio["relative"] == pytest.approx((100 / 103.025 * 4.025) ** (0.75 / 2.4), rel=1e-2)
-    brighter = replace(first.moments, mean=10 * first.moments.mean, root=10 * first.moments.root)
-    scaled, _ = decided(replace(first, moments=brighter), replace(PLAIN, error="relative"))
+    scaled, _ = decided(first_film(10 * bright, 10 * bright), replace(PLAIN, error="relative"))
     np.testing.assert_allclose(scaled, density["relative"], rtol=1e-3)
 
 
-def test_budget_has_the_first_round_too() -> None:
-    """Each colour's part is used to 2 %, with a first round that is not in the image; no pixel has fewer than two."""
-    first = random_pilot((64, 64))
-    root = np.ones((64, 64, 3))
-    root[:, 3::8] = 1e5  # patches restart because of these pixels, and their other ones need next to nothing
-    lights = first.sums["lights"]
-    first = pilot(first.sums["curve"] / 4, first.sums["position"] / 4, root, budget=64)
-    for case, of_first in ((first, costs()), (replace(first, sums={**first.sums, "lights": lights}), costs(LIGHTS))):
-        second, cost = second_round(case), decided(case)[1]
-        assert second.patterns is not None and {*np.unique(second.begin)} == {0, N}
-        total = second.spp + second.begin
-        assert (total >= np.where(second.begin, N, 2)).all()
-        assert (np.bitwise_count(total) == 1).all()
-        for at in COLOURS:
-            spent = N * of_first[FIRST] + (second.spp * cost)[at].mean()
-            assert 0.98 * first.budget < spent <= first.budget
+def test_dear_pixels_have_fewer_samples() -> None:
+    """n ~ C^(-1 / (1 + a)) where V is the same, C being by the rays: 1 + 2 / 4 and .4 for each kind."""
+    first = first_film(EVEN)
+    sums = {name: a.copy() for name, a in first.sums.items()}
+    for name in ("closest hits", "occlusion rays"):
+        sums[name][..., 2:] *= 3  # columns of patches
+    density, cost = decided(replace(first, sums=sums))
+    ratio = (3 + 0.02 * 2) / (1 + 0.02 * 2)  # and .02 of the mean, (1 + 3) / 2
+    np.testing.assert_allclose(cost[0, -1] / cost[0, 0], ratio)
+    np.testing.assert_allclose(density[0, 0] / density[0, -1], ratio ** (1 / 2.4))
 
 
-@pytest.mark.parametrize(
-    ("error", "confidence"), [("absolute", 1.0), ("relative", 0.75), ("relative", 0.5), ("relative", 0.0)]
-)
-def test_numbers_follow_the_variance_as_far_as_it_predicts(error: str, confidence: float) -> None:
-    """n ~ V^(t / (1 + a)) at equal costs, far from the edge of a half image with 32 times the V of the neighbours.
+@pytest.mark.parametrize("cost", [1.01, 1.6])
+def test_budget_counts_what_patterns_cost(cost: float) -> None:
+    """Each colour's part is used to 2 %: camera samples of the pattern 1:1 and as costly as the pixel's other ones."""
+    first = random_film((64, 64))
+    second = second_round(first, choice=choice_of((64, 64), cost))
+    total = second.spp + second.begin
+    assert (total >= N).all() and (np.bitwise_count(total) == 1).all()
+    of_pixels = decided(first)[1]
+    for at in COLOURS:
+        spent = (total * of_pixels)[at].sum() / of_pixels[at].sum() * cost
+        assert 0.98 * first.budget < spent <= first.budget * (1 + 1e-9)
 
-    The squared differences of halves are 32^t times as large there.
-    """
+
+@pytest.mark.parametrize(("error", "t"), [("absolute", 1.0), ("relative", 0.75)])
+def test_numbers_follow_the_variance(error: str, t: float) -> None:
+    """n ~ V^(t / (1 + a)) at equal costs, far from the edge of a half image with 32 times the V of the neighbours."""
     root = np.ones((32, 32, 3))
     root[:, 16:] *= np.sqrt(32)
-    first, rule = pilot(0 * FLAT, 0.0, root, root**confidence), replace(PLAIN, error=error)
-    np.testing.assert_array_equal(second_round(first, rule).maps["confidence"], [confidence] * 4)
+    first, rule = first_film(root), replace(PLAIN, error=error)
+    second = second_round(first, rule)
+    np.testing.assert_array_equal(second.maps["confidence"], [t] * 4)
+    assert (second.maps["number_error"] < 0.85).all()
     density, _ = decided(first, rule)
-    np.testing.assert_allclose(density[:, 24:].mean() / density[:, :8].mean(), 32 ** (confidence / 2.4), rtol=1e-3)
+    np.testing.assert_allclose(density[:, 24:].mean() / density[:, :8].mean(), 32 ** (t / 2.4), rtol=1e-3)
 
 
 def test_numbers_are_equal_where_variance_is_luck() -> None:
-    """Spikes that the neighbours do not have, in the halves or not: no pixel gets more samples for them."""
+    """Spikes that the neighbours do not have: no pixel gets more samples for them, and all end with the budget."""
     spikes = np.random.default_rng(1).lognormal(0, 2, (64, 64, 1)) * np.ones(3)
-    for own in (np.ones((64, 64, 3)), spikes):
-        density, _ = decided(pilot(0 * FLAT, 0.0, spikes, own))
-        np.testing.assert_array_equal(density, density[0, 0])
+    second = second_round(first_film(spikes, budget=100))
+    assert (second.spp, second.begin) == (100 - N, N)
+    assert (second.maps["number_error"] > 0.85).all()
+
+
+def test_error_that_is_judged_is_that_of_the_pixels_own_weight() -> None:
+    """A bright noisy column beside a dark even one: its variance counts with its own 1 / I^2, not its neighbour's."""
+    mean = np.where(np.arange(64) % 8 < 4, 10.0, 0.1)[None, :, None] * np.ones((64, 64, 3))
+    second = second_round(first_film(mean, mean), replace(PLAIN, error="relative"))
+    # V q is 1 / (1 + e / I^2) in bright pixels and next to nothing in dark ones: half of the pixels have all error
+    errors = second.maps["number_error"]
+    assert ((errors > 2.0**-1.4 - 0.05) & (errors < 0.85)).all()
+
+
+# --- rounds
 
 
 @pytest.mark.parametrize(("sampler", "exponent"), [("sobol", 1.4), ("independent", 1.0)])
 def test_rounds_of_a_budget(sampler: str, exponent: float) -> None:
-    """The first has half its number of camera samples, with the sampler of the second, which follows from it."""
-    rule = replace(PLAIN, exponent=0.0)
-    budget = Budget(64, (12, 12), dmis.Settings(sampler=sampler, reuse_pilot=False), seed=3)
-    generator = rule.rounds(budget)
-    first = next(generator)
-    assert (first.spp, first.image_weight, first.settings.sampler) == (8, 0, sampler)
-    film = random_pilot((12, 12))
+    """A pilot that is not in the image, then rounds that go on from each other with the sampler of the settings."""
+    settings = dmis.Settings(sampler=sampler, reuse_pilot=False, integrator="direct", max_depth=5)
+    budget = Budget(64, (12, 12), settings, seed=3)
+    generator = replace(PLAIN, exponent=0.0).rounds(budget)
+    looked = next(generator)
+    assert (looked.image_weight, looked.settings.sampler, looked.settings.shading_samples) == (0, "independent", 4)
+    np.testing.assert_array_equal(looked.spp, 4 * looks_at((12, 12)))
+    first = generator.send(pilot(FLAT, 3.0, (12, 12)))
+    assert (first.spp, first.image_weight, first.settings, first.patterns) == (N, N, settings, None)
+    root = np.where(np.arange(12) < 6, 1.0, 8.0)[:, None] * np.ones((12, 12, 3))
+    film = first_film(root, budget=64)
     second = generator.send(film)
-    assert (second.image_weight, second.before, second.settings) == (64, film.moments, budget.settings)
-    same, other = (replace(rule, exponent=a).second_round(film, budget) for a in (exponent, 2.4 - exponent))
+    assert (second.image_weight, second.before, second.settings, second.begin) == (64, film.moments, settings, N)
+    same, other = (
+        replace(PLAIN, exponent=a).second_round(first, film, budget, None, {}) for a in (exponent, 2.4 - exponent)
+    )
     np.testing.assert_array_equal(second.spp, same.spp)
-    assert (second.spp != other.spp).any()
+    assert np.any(second.spp != other.spp)
+
+
+def test_rounds_without_shares_to_choose() -> None:
+    """`counts`, and a budget or a scene for which no pattern can pay, have no pilot."""
+    settings = dmis.Settings(sampler="sobol", integrator="path", max_depth=5)
+    for rule, budget in ((Auto(weights=False), 64), (Auto(), 31)):
+        first = next(rule.rounds(Budget(budget, (4, 4), settings)))
+        assert first.stage == "first" and first.image_weight == first.spp
+    assert isinstance(make_rule("counts"), Auto) and not make_rule("counts").weights
+    with pytest.raises(ValueError, match=r"rule counts has the options spp, .*; got 'weights'"):
+        make_rule("counts:weights=yes")
 
 
 def test_first_round_grows_with_the_budget() -> None:
@@ -300,7 +387,8 @@ def test_small_budgets_have_equal_numbers(box: dmis.Scene, rule: str, least: int
 
 def test_errors() -> None:
     for options, message in (
-        ({"spp": 6}, "multiple of 4, or 0 to choose it; got 6"),
+        ({"spp": 6}, "power of two from 4 on, or 0 to choose it; got 6"),
+        ({"spp": 2}, "power of two from 4 on, or 0 to choose it; got 2"),
         ({"exponent": 0.5}, "exponent must be a number from 1 to 3"),
         ({"guard": -1.0}, "guard must be a number of at least 0"),
         ({"error": "mse"}, "error must be absolute or relative; got 'mse'"),
@@ -352,6 +440,7 @@ def leak(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(sample_density, "neighbour_variance", own)
     monkeypatch.setattr(sample_density, "CONFIDENCES", {"relative": (1.0,)})
+    monkeypatch.setattr(sample_density, "PRICE", 10.0)
 
 
 def test_images_of_few_samples_are_unbiased() -> None:

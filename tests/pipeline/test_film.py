@@ -1,7 +1,9 @@
 """The film of a pass: tiles merged in any order, with a checkpoint between or not."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,12 +11,17 @@ from helpers import pixel_shares
 
 import dmis
 from dmis import Settings
-from dmis.base.patches import PATCH
+from dmis.base.patches import PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Record
-from dmis.fit.round import Budget, Round
+from dmis.fit.best_pattern import looks_at
+from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.sample_density import FirstRound
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.film import FilmTile, PassFilm, pilot_shares
+from dmis.pipeline.job import resolve
+from dmis.pipeline.passes import Passes
 from dmis.pipeline.result import costly_pilot
 from dmis.variance.moments import Film
 
@@ -120,3 +127,45 @@ def test_directions_of_records(box: dmis.Scene, directions: bool) -> None:
         np.testing.assert_allclose(np.linalg.norm(record.wi, axis=0), 1, rtol=1e-5)
         on_lamp = record.p + record.wi * ((3 - record.p[2]) / record.wi[2])  # a square at z = 3
         assert (np.abs(on_lamp[:2]) < 1 + 1e-4).all() and (record.p[2] >= -1).all()
+
+
+def film_of(scene: dmis.Scene, **changes: Any) -> Pilot:
+    """Return the film of a round of a render by paths."""
+    job = resolve(scene, "balance", 4, 1, dmis.Settings(integrator="path", sampler="sobol"))
+    with Passes(job, 1) as passes:
+        return passes.render(replace(Round(1, shares_of(0.5), job.settings), **changes))
+
+
+def test_pixel_sums_are_rays_and_squares(box: dmis.Scene) -> None:
+    """Of each colour: all closest hits, those that need no ray included, all other rays, and squares of one sample."""
+    film = film_of(box, statistic=FirstRound)
+    hits = sum(n for kind, n in film.rays.items() if kind.startswith(("camera", "untraced", "bounce")))
+    assert film.sums["closest hits"].sum() == hits
+    assert film.sums["occlusion rays"].sum() == sum(film.rays.values()) - hits
+    squares = patch_sum(by_colour(np.square(film.moments.mean).mean(axis=2)), PATCH)
+    np.testing.assert_allclose(film.sums["squares"], squares, rtol=1e-5)
+
+
+def test_a_statistic_is_of_the_pixels_that_have_samples(box: dmis.Scene) -> None:
+    """It is made for these, and its sums stand in their places; the others are black."""
+
+    class Told:
+        """Statistic of the number of pixels it is made for, and of the samples that it gets."""
+
+        by_colour = True
+
+        def __init__(self, pixels: int, shading_samples: int) -> None:
+            self._samples = np.zeros(pixels)
+
+        def add(self, records: Any, radiance: Any, count: int) -> None:
+            self._samples += count
+            assert radiance.shape == (3, count * len(self._samples))
+
+        def sums(self) -> dict[str, Any]:
+            return {"samples": self._samples}
+
+    height, width = box.camera.resolution[::-1]
+    mask = looks_at((height, width))
+    film = film_of(box, statistic=Told, spp=3 * mask)
+    np.testing.assert_array_equal(film.sums["samples"], patch_sum(by_colour(3.0 * mask), PATCH))
+    assert (film.moments.mean[mask == 0] == 0).all() and (film.moments.mean[mask == 1] > 0).any()

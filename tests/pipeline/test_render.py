@@ -42,7 +42,7 @@ def test_tiles_have_the_maps_of_their_pixels():
     """Samples and shares of a tile are those of its rows and columns; equal shares become one column."""
     rng, settings = np.random.default_rng(1), dmis.Settings(techniques=("light", "brdf", "uniform"))
     spp, shares = rng.integers(1, 9, (40, 50)), rng.dirichlet((1, 1, 1), (40, 50)).transpose(2, 0, 1)
-    patterns = PatternMap(((1, 1),), rng.integers(0, 9, (40, 50)), (1, 1), rng.integers(0, 4, (3, 40, 50)))
+    patterns = PatternMap(((1, 1),), rng.integers(0, 9, (40, 50)), rng.integers(0, 4, (3, 40, 50)))
     for tile in make_tiles((50, 40), 1, 0, Round(spp, shares, settings, patterns=patterns)):
         area = slice(*tile.rows), slice(*tile.columns)
         row = tile.round.in_row_order()

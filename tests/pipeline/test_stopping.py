@@ -96,11 +96,11 @@ def test_stops_at_the_noise_and_goes_on_from_there(tmp_path: Path) -> None:
     """A larger noise stops earlier; its checkpoint goes on to a smaller one, bit by bit as in one render."""
     scene, options = glossy(), {"seed": 1, "sampler": "sobol"}
     coarse = dmis.render(scene, "auto", noise=0.006, checkpoint=tmp_path / "tiles", **options)
-    fine = dmis.render(scene, "auto", noise=0.002, parallel=1, checkpoint=tmp_path / "tiles", **options)
-    alone = dmis.render(scene, "auto", noise=0.002, parallel=dmis.Processes(2), **options)
+    fine = dmis.render(scene, "auto", noise=0.001, parallel=1, checkpoint=tmp_path / "tiles", **options)
+    alone = dmis.render(scene, "auto", noise=0.001, parallel=dmis.Processes(2), **options)
     for name in ("image", "deviation", "samples", "weight"):
         np.testing.assert_array_equal(getattr(fine, name), getattr(alone, name))
-    assert coarse.provenance["noise"] <= 0.006 and fine.provenance["noise"] <= 0.002
+    assert coarse.provenance["noise"] <= 0.006 and fine.provenance["noise"] <= 0.001
     assert coarse.provenance["spp"] < fine.provenance["spp"] and fine.provenance == alone.provenance
     again = dmis.render(scene, "auto", fine.provenance["spp"], noise=0, **options)  # what the provenance says
     np.testing.assert_array_equal(again.image, fine.image)

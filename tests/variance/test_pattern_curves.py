@@ -62,17 +62,6 @@ def test_sums_of_a_colour_come_from_its_pixels(box: dmis.Scene, colour: int) -> 
     np.testing.assert_allclose(sums["curve"][colour], of_colour, rtol=1e-9)
 
 
-def test_halves_tell_the_error_of_half_the_samples() -> None:
-    """Planted radiance: a mean of 4 samples in each half, and nothing of the sample that is left over."""
-    rng = np.random.default_rng(1)
-    radiance = rng.random((3, 9, 5))
-    statistic = PatternCurves(5, 4)
-    for part in (radiance, 3 * radiance):
-        statistic.add([], part.reshape(3, -1), 9)
-    expected = 10 * ((radiance[:, :4].mean(axis=1) - radiance[:, 4:8].mean(axis=1)) ** 2).mean(axis=0)
-    np.testing.assert_allclose(statistic.sums()["halves"], expected, rtol=1e-12)
-
-
 def test_variances_of_each_light_and_of_the_rest() -> None:
     """Four shading samples of a lamp and of a light behind those told apart; the lamp at the second surface is rest."""
     rng, n = np.random.default_rng(2), 6 * 5

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator.records import Record
+from dmis.estimator.records import PIXEL_SUMS, Record
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
 from dmis.experiment.bench.data import Pilots
@@ -19,7 +19,7 @@ from dmis.fit.given import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import Rule, merge_settings, next_round, rule_text
-from dmis.pipeline.film import asks, patch_sums, without_colours
+from dmis.pipeline.film import asks, patch_sums
 from dmis.variance.moments import Film, Moments
 
 AnyRule = Rule | str | Callable[[Mapping[float, SampleTable]], Any]
@@ -31,7 +31,9 @@ SETTINGS = Settings(sampler="independent", reuse_pilot=False, compensation=0)
 
 
 def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
-    """Return the final round that a rule asks for when it learns from pilots.
+    """Return the round with all that a rule decides when it learns from pilots.
+
+    That is its final round, or one before with `dmis.fit.round.Round.patterns`, whose samples pilots do not have.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     film = None
     used = Counter[float]()
     while (round_ := next_round(rounds, film)) is not None:
-        if round_.stage == "final":
+        if round_.stage == "final" or round_.patterns is not None:
             return round_
         film = _film(round_, pilots, used, text)
     raise ValueError(f"rule {text} must yield a final round, which budget.final(fit) makes; got none")
@@ -69,12 +71,16 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
 
 def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pilot:
     """Return the film of a round, of samples that no other film has; `used` counts these by w."""
-    n, s, shares = round_.spp, round_.settings.shading_samples, (round_.shares, round_.tilt)
+    n, s, shares = int(np.max(round_.spp)), round_.settings.shading_samples, (round_.shares, round_.tilt)
+    observed = np.broadcast_to(round_.spp, next(iter(pilots.tables.values())).shape) > 0
     w = float(round_.shares.flat[0])
-    same = all(a is None or a.ndim == 1 for a in shares)
+    samples = np.broadcast_to(round_.spp, observed.shape)
+    same = all(a is None or a.ndim == 1 for a in shares) and (samples[observed] == n).all()
     table = pilots.tables.get(w)
     begin = used[w]
-    if not isinstance(n, int) or not same or table is None or begin + n > table.spp or s > table.shading_samples:
+    if round_.image_weight and table is not None:  # a first round that goes on: the samples that are left tell as much
+        n = min(n, table.spp - begin)
+    if not same or table is None or begin + n > table.spp or s > table.shading_samples:
         available = ", ".join(
             f"{t.spp} of {t.shading_samples} shading samples at {w:g}" for w, t in pilots.tables.items()
         )
@@ -89,13 +95,31 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
     tilt = None if round_.tilt is None else float(round_.tilt[0])
     radiance = part.radiance(tilt).astype(np.float32)
     moments = Moments.of(radiance)
-    film = Film(n, moments.mean.astype(np.float32), np.sqrt(moments.m2).astype(np.float32))
-    statistic = None if round_.statistic is None else round_.statistic(int(np.prod(part.shape)), s)
-    if statistic is not None:
-        statistic.add(_records(part, tilt), radiance.reshape(-1, 3).T, n)
+    mean, root = (a.astype(np.float32) for a in (moments.mean, np.sqrt(moments.m2)))
+    film = Film(n if observed.all() else n * observed[..., None], mean * observed[..., None], root)
     features = pilots.features if round_.needs_features else {}
-    rays = part.rays if asks(statistic, "by_colour") else without_colours(part.rays)
-    return Pilot(film, rays, patch_sums(statistic, part.shape), s, features, budget=SPP)
+    rays = {kind: number for kind, number in part.rays.items() if " of colour " not in kind}  # of earlier tables
+    sums = _sums(round_, part, radiance, tilt, observed)
+    return Pilot(film, rays, sums, s, features, budget=SPP)
+
+
+def _sums(
+    round_: Round, part: SampleTable, radiance: Array, tilt: float | None, observed: np.ndarray
+) -> Mapping[str, Array]:
+    """Return the sums of a round's statistic over patches, of `observed` pixels; rays are the same in all pixels."""
+    pixels = observed.size
+    statistic = None if round_.statistic is None else round_.statistic(pixels, part.shading_samples)
+    if statistic is None:
+        return {}
+    if getattr(statistic, "needs_records", True):
+        statistic.add(_records(part, tilt), radiance.reshape(-1, 3).T, part.spp)
+    sums = {name: a * observed.reshape(-1) for name, a in statistic.sums().items()}
+    if asks(statistic, "pixel_sums"):
+        per_pixel = np.ones(pixels) / pixels
+        closest, occlusion = (part.rays.get(kind, 0) for kind in ("camera", "shadow"))
+        squares = np.square(radiance.astype(float)).mean(axis=-1).sum(axis=0).reshape(-1)
+        sums |= dict(zip(PIXEL_SUMS, (closest * per_pixel, occlusion * per_pixel, squares), strict=True))
+    return patch_sums(sums, part.shape, asks(statistic, "by_colour"))
 
 
 def _part(table: SampleTable, begin: int, n: int, s: int) -> SampleTable:

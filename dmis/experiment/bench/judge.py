@@ -107,7 +107,7 @@ def shares_and_samples(final: Round) -> tuple[Array, Array | int]:
     Of patterns, whole numbers of samples, the shares count alone: at equal numbers of camera samples.
     """
     if final.patterns is None:
-        return (final.shares if final.tilt is None else final.tilt)[0], final.spp
+        return (final.shares if final.tilt is None else final.tilt)[0], np.add(final.spp, final.begin)
     _, light, brdf = final.technique_samples()
     return light / np.maximum(light + brdf, 1), 1
 

@@ -14,7 +14,6 @@ from dmis.estimator.cost import CAMERA, RAY, SHADING, count_camera_samples, surf
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.fixed import Fixed
-from dmis.pipeline.film import without_colours
 from dmis.pipeline.job import resolve
 from dmis.pipeline.tile import make_tiles, render_tile
 from dmis.scene.scene import Scene
@@ -49,7 +48,7 @@ class SampleTable:
     spp, shading_samples
         Camera samples per pixel, and S.
     rays
-        Rays traced by kind, and those of the pixels of each colour (`dmis.intersect.ray_kind_of_colour`).
+        Rays traced by kind.
     """
 
     pixel: np.ndarray
@@ -131,9 +130,9 @@ def samples(
             rays.update(render_tile(job.scene, observed).rays)
     columns = dict(zip(COLUMNS, map(np.concatenate, zip(*recorder.rows, strict=True)), strict=True))
     columns["f"] *= np.float32(job.gain)
-    s, every = job.settings.shading_samples, without_colours(rays)
-    of_deltas = (SHADING + RAY) * rays["delta"] / count_camera_samples(every)
-    of_camera_sample = surface_points(every) * (CAMERA + SHADING * s) + of_deltas
+    s = job.settings.shading_samples
+    of_deltas = (SHADING + RAY) * rays["delta"] / count_camera_samples(rays)
+    of_camera_sample = surface_points(rays) * (CAMERA + SHADING * s) + of_deltas
     columns["cost"][columns["technique"] < 0] = of_camera_sample
     table = SampleTable(**columns, shape=shape, spp=spp, shading_samples=s, rays=rays)
     return table.rows(np.isin(table.pixel, chosen))
@@ -162,8 +161,6 @@ def _pixel_numbers(pixels: Any, xy: Any, height: int, width: int) -> np.ndarray:
 
 class _Recorder:
     """Statistic that keeps the shading samples of one tile after the other, as `rows` of `COLUMNS`."""
-
-    by_colour = True  # rays are counted by colour as well, which the rule auto reads
 
     def __init__(self, w: float, shading_samples: int) -> None:
         self._w, self._s = w, shading_samples
