@@ -60,7 +60,7 @@ class Auto(OptionRule):
         Camera samples of the first round, a power of two from 4 on; 0: by the budget. With a budget of less than twice
         as many all pixels have equal numbers.
     exponent
-        a; 0: by the sampler.
+        a; 0: by sampler and integrator, see `EXPONENTS`.
     filter
         Of the statistics that tell patterns: ``gaussian`` or ``none``; or ``joint``, among neighbours that look alike.
     error

@@ -45,8 +45,9 @@ PATTERN_PRICE = 0.95
 LOOKS = ((0, 0), (1, 2), (2, 1), (3, 3))
 """The pixels of a patch that the pilot looks at, one of each colour."""
 HALVES: tuple[tuple[int, ...], ...] = ((0, 3), (1, 2))
-"""Colours that choose patterns, and those that judge, and the other way round."""
+"""Colours of the pixels that choose patterns for the judgement by the other half."""
 ALL: tuple[int, ...] = (0, 1, 2, 3)
+"""Colours whose pixels choose the patterns of the image."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -231,8 +231,8 @@ def confidence(
 ) -> tuple[float, float, float]:
     """Return the power t of V that gives the judging pixels the least error, that error, and its standard error.
 
-    The error is over that of equal numbers at the same cost. t, one of the `powers`, is 0 if it is
-    above the `price`.
+    The error is over that of equal numbers at the same cost. t, one of the `powers`, is 0 if that
+    error is not below the `price`.
 
     `predicted` is V q of these pixels from their neighbours, which numbers from `n_1` on, on average `budget`, would
     follow. `measured` is each pixel's own.
