@@ -95,7 +95,7 @@ def estimate(f_l, p_ll, p_bl, f_b, p_lb, p_bb):
     k = len(f_l) / len(f)
     return (f / (k * p + (1 - k) * q)).mean(axis=0)
 """
-MIRROR = "def mirror(wo, n):\n    n *= 2 * (wo * n).sum(axis=0)\n    n -= wo\n    return n"
+MIRROR = "def mirror(wo, n):\n    n = n * (2 * (wo * n).sum(axis=0))\n    n -= wo\n    return n"
 SMOOTH = "6 * d.cos_i * (1 - d.cos_i) * d.above / (2 * np.pi)", "0.5 - np.sin(np.arcsin(1 - 2 * u[0]) / 3)"
 UNIFORM = "d.above / (2 * np.pi)", "u[0]"
 
@@ -106,14 +106,14 @@ def velvet(density: str, cosine: str) -> str:
 
 
 RIGHT = {
-    "mirror, in place": (1, MIRROR),
+    "mirror, a copy in place": (1, MIRROR),
     "both techniques as one": (11, BOTH),
     "second moment": (17, SECOND + "y.sum(axis=1) / len(x)"),
     "velvet by tangents": (20, velvet(*SMOOTH)),
 }
 WRONG = {
     "normals as they are": (1, "def mirror(wo, n): return n", "wi and wo have the same angle to n"),
-    "normals in place of wo": (1, "def mirror(wo, n):\n    wo[:] = n\n    return n", "wi is wo mirrored at n"),
+    "an argument changed": (1, "def mirror(wo, n):\n    wo[:] = n\n    return n", "the caller's: change a copy"),
     "equal numbers": (11, BOTH.replace("k = len(f_l) / len(f)", "k = 1 / 2"), r"A sample counts f / \(n_l p_l"),
     "light samples alone": (11, BOTH.replace("return ", "return (f_l / p_ll).mean(axis=0) #"), "the variance is"),
     "self-normalised": (17, SECOND + "y.sum(axis=1) / m.sum(axis=1)", "A sample at w is worth"),

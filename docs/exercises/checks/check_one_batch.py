@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -11,16 +12,17 @@ from dmis.base.vectors import Array, dot, normalise
 from dmis.light.area import QuadLight
 from dmis.testing.outcome import Outcome
 from dmis.testing.sphere import columns, uniforms
-from grading import call, compare, exercise, likely_mistake, z_test
+from grading import between, call, compare, exercise, likely_mistake, seeded, z_test
 
 _LIGHT = QuadLight((-1.0, -0.5, 2.0), (0.0, 1.0, 0.0), (2.0, 0.0, 0.0), (3.0, 2.0, 1.0))
 """A rectangle of 2 by 1 at the height 2 that shines down."""
+_BRIGHT = replace(_LIGHT, radiance=(3e4, 2e4, 1e4))
 
 
 @exercise(1)
 def mirror(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 1: mirror directions of a batch."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seeded(1))
     n, wo = (normalise(rng.normal(size=(3, 1000)).astype(np.float32)) for _ in range(2))
     wo *= np.sign(dot(n, wo))
     (wi,) = call(module, "mirror", wo, n, shapes=[wo.shape])
@@ -44,7 +46,7 @@ def light_density(module: ModuleType) -> Iterator[Outcome]:
     yield compare("behind the light: 0", density[3], 0.0, 1e-6, "The light shines on one side only")
 
     # the mean of 1 / p over samples of p is the solid angle of the light: here of half sides a, b at the height h
-    u = np.random.default_rng(2).random((2, 100_000), dtype=np.float32)
+    u = np.random.default_rng(seeded(2)).random((2, 100_000), dtype=np.float32)
     points = np.stack([2 * u[0] - 1, u[1] - 0.5, np.full_like(u[0], 2)])
     (density,) = call(module, "light_density", np.zeros_like(points), points, normal, 2.0, shapes=[(u.shape[1],)])
     solid_angle = 4 * np.arctan(1 * 0.5 / (2 * np.sqrt(1 + 0.25 + 4)))
@@ -55,7 +57,7 @@ def light_density(module: ModuleType) -> Iterator[Outcome]:
 def direct_light(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 3: one light sample of the radiance that a matte point reflects."""
     n = 50_000
-    albedo = np.array([[0.8], [0.5], [0.2]], np.float32)
+    albedo = np.array([[between(0.8, 0.3, 0.9)], [0.5], [0.2]], np.float32)
     for name, p, normal in (
         ("below the light", (0.2, 0.1, 0.0), (0.0, 0.0, 1.0)),
         ("where a part of the light is below the horizon", (0.0, 0.0, 0.0), (0.95, 0.0, 0.312)),
@@ -63,7 +65,7 @@ def direct_light(module: ModuleType) -> Iterator[Outcome]:
         ("beside and behind the light", (2.5, 0.4, 2.2), (-1.0, 0.0, 0.0)),
     ):
         points, normals = columns(p, n), columns(normalise(np.array(normal)), n)
-        arguments = points, normals, albedo, _LIGHT, uniforms(n, 3)
+        arguments = points, normals, albedo, _LIGHT, uniforms(n, seeded(3))
         (radiance,) = call(module, "direct_light", *arguments, shapes=[(3, n)])
         advice = likely_mistake(radiance, _mistakes(*arguments), "Look at sample.pdf, sample.emits and the cosine")
         if p[2] > 2:
@@ -72,6 +74,9 @@ def direct_light(module: ModuleType) -> Iterator[Outcome]:
         exact = _reflected(np.array(p), normals[:, 0].astype(float)) * albedo[:, 0] * np.array([3.0, 2.0, 1.0])
         for channel, colour in enumerate(("red", "green", "blue")):
             yield z_test(f"{name}, {colour}", radiance[channel], float(exact[channel]), advice)
+        bright = call(module, "direct_light", *arguments[:3], _BRIGHT, arguments[4], shapes=[(3, n)])[0]
+        advice = "The estimate is linear in the radiance: a limit of large values makes the image too dark"
+        yield compare(f"{name}: 10,000 times the light", bright, radiance * 10_000, 1e-3, advice)
         if (radiance < 0).any():
             yield Outcome(name, False, f"radiance is never negative; got {radiance.min():.3g}. {advice}")
 

@@ -1,4 +1,4 @@
-"""The checks of all exercises, one module for each tutorial, and the check of a file with a solution.
+"""The checks of all exercises, one module for each tutorial, and the command that checks files with solutions.
 
 Tutorial t has the exercises 3t + 1 to 3t + 3. A starter file of each is in ``docs/exercises``, and a solution in
 ``docs/exercises/solutions``.
@@ -8,28 +8,32 @@ from __future__ import annotations
 
 import argparse
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
-from multiprocessing import get_context
 from pathlib import Path
 
-from dmis.base.plugins import load_plugin
-from dmis.testing.outcome import Outcome, line, summary
+from apart import Limits, check_file
+from dmis.testing.outcome import line, summary
 from grading import EXERCISES
+from marks import mark_folder, table, write_csv
+from starters import starter
 
 for _name in ("one_batch", "monte_carlo", "sampling", "mis", "parabola", "pilot", "own"):
     import_module(f"check_{_name}")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Check the file that the command line names; return 0 if all checks passed, 1 if one failed, 2 for a bad file."""
-    parser = argparse.ArgumentParser("python docs/exercises/checks", description="Check the solution of an exercise.")
-    parser.add_argument("exercise", type=int, choices=EXERCISES, metavar="N", help=f"its number, 1 to {len(EXERCISES)}")
-    parser.add_argument("file", type=Path, metavar="FILE.py", help="the solution: the starter file, completed")
-    options = parser.parse_args(arguments)
+    """Check what the command line names; return 0 if all checks passed, 1 if one failed, 2 for a bad file."""
+    options = _parser().parse_args(arguments)
+    limits = Limits(options.seconds, options.memory, quiet=options.folder is not None)
     try:
-        outcomes = check_file(options.exercise, options.file)
+        if options.starter:
+            print(starter(options.starter, options.seed), end="")
+            return 0
+        if options.folder:
+            return _mark(options.folder, options.csv, options.seed, limits)
+        if options.exercise is None or options.file is None:
+            raise ValueError("write the number of an exercise and a file, or --folder HANDINS, or --starter N")
+        outcomes = check_file(options.exercise, options.file, options.seed, limits)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -37,24 +41,26 @@ def main(arguments: list[str] | None = None) -> int:
     return int(not all(outcome.passed for outcome in outcomes))
 
 
-def check_file(number: int, file: Path) -> list[Outcome]:
-    """Return the outcomes of an exercise's check for the solution in `file`.
-
-    The solution runs in a process of its own. If that ends before it has reported the outcomes, the check has failed.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        If there is no such file, or it cannot be imported, see `dmis.base.plugins.load_plugin`.
-    """
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        try:
-            return pool.submit(_check, number, file).result()
-        except BrokenProcessPool:
-            return [Outcome(f"exercise {number}", False, f"{file} ended the process before its check was complete")]
+def _mark(folder: Path, file: Path | None, seed: int, limits: Limits) -> int:
+    """Print the marks of a folder, and write them to a CSV file; return 0, whatever the marks."""
+    marks = mark_folder(folder, seed, limits)
+    print(table(marks))
+    if file is not None:
+        write_csv(marks, file)
+        print(f"\n{file}: {len(marks)} hand-ins")
+    return 0
 
 
-def _check(number: int, file: Path) -> list[Outcome]:
-    """Return the outcomes of the check of a file, in this process."""
-    load_plugin(file)
-    return EXERCISES[number](sys.modules[file.stem])
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("python docs/exercises/checks", description="Check solutions of exercises.")
+    last = len(EXERCISES)
+    number = {"type": int, "choices": EXERCISES, "metavar": "N"}
+    parser.add_argument("exercise", nargs="?", help=f"its number, 1 to {last}", **number)
+    parser.add_argument("file", nargs="?", type=Path, metavar="FILE.py", help="the starter file, completed")
+    parser.add_argument("--folder", type=Path, help="check all files in it, such as anna_03.py or anna/03_light.py")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the marks of --folder to FILE")
+    parser.add_argument("--starter", help="print the starter of exercise N, with the parameters of --seed", **number)
+    parser.add_argument("--seed", type=int, default=0, help="other numbers and parameters than the published (0)")
+    parser.add_argument("--seconds", type=float, default=20, help="time limit of a hand-in (default 20)")
+    parser.add_argument("--memory", type=float, default=2, metavar="GB", help="its memory limit (default 2)")
+    return parser

@@ -29,6 +29,30 @@ EXERCISES: dict[int, Check] = {}
 """Check of each exercise: takes the module of a student's file, returns its outcomes."""
 
 
+SEED = 0
+"""0: the published numbers; another one: other inputs, and another exponent of the exercises of `EXPONENTS`."""
+EXPONENTS = {5: (1, (2, 3, 4)), 7: (1, (2, 3, 4)), 20: (2, (5, 6))}
+"""Exponents of the tasks that have one: the published one, and those of seeds, which published solutions fail."""
+
+
+def seeded(number: int) -> int:
+    """Return the seed of a check's random numbers: `number`, or another one with `SEED`."""
+    return number + 1000 * SEED
+
+
+def between(published: float, low: float, high: float) -> float:
+    """Return a parameter of a check: the published one, or another one from `low` to `high` with `SEED`."""
+    if not SEED:
+        return published
+    return float(np.random.default_rng([SEED, int(1000 * published)]).uniform(low, high))
+
+
+def exponent(number: int) -> int:
+    """Return the exponent of the task of an exercise of `EXPONENTS`."""
+    published, others = EXPONENTS[number]
+    return others[SEED % len(others)] if SEED else published
+
+
 class Failed(Exception):
     """Ends a check; `outcome` says why."""
 
@@ -96,7 +120,7 @@ def check_array(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def call_object(name: str, function: Any, *arguments: Any) -> Any:
-    """Return what a student's `function` returns for copies of the arguments, which it may then change.
+    """Return what a student's `function` returns for copies of the arguments, whose arrays cannot be changed.
 
     Raises
     ------
@@ -107,11 +131,21 @@ def call_object(name: str, function: Any, *arguments: Any) -> Any:
         raise Failed(f"{name} exists", f"the file must define {name}; it has none. Keep the starter's name")
     try:
         with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
-            return function(*deepcopy(arguments))
+            return function(*(_read_only(argument) for argument in deepcopy(arguments)))
     except NotImplementedError:
         raise Failed(f"{name} is written", f"{name} raises NotImplementedError: replace its body") from None
     except (Exception, SystemExit) as error:
-        raise Failed(f"{name} runs", raised(error)) from None
+        advice = ". Its arguments are the caller's: change a copy" if "read-only" in str(error) else ""
+        raise Failed(f"{name} runs", raised(error) + advice) from None
+
+
+def _read_only(argument: Any) -> Any:
+    """Return an argument whose arrays raise a ValueError if they are written to."""
+    if isinstance(argument, tuple):
+        return tuple(map(_read_only, argument))
+    if isinstance(argument, np.ndarray):
+        argument.flags.writeable = False
+    return argument
 
 
 def compare(name: str, values: Array | float, expected: Array | float, tolerance: float, advice: str = "") -> Outcome:

@@ -1,0 +1,37 @@
+"""Starter files whose task depends on a seed, so that the published solutions do not fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import grading
+
+FOLDER = Path(__file__).resolve().parent.parent
+CHANGES = {
+    5: (("X = 2 pi u where", "X = 2 pi u^{e} where"),),
+    7: (
+        ("brings cos t from", "brings cos^{e} t from"),
+        ("in proportion to cos t.", "in proportion to cos^{e} t."),
+    ),
+    20: (
+        ("rim * rim)", "rim**{e})"),
+        ("its relative variance of\nf cos / p must be 0.3 or less (cos / pi has 1.4, a uniform density 0.37).",
+         "its relative variance of\nf cos / p must be 0.3 or less."),
+    ),
+}  # fmt: skip
+"""Texts of starters, and what they become with an exponent e."""
+
+
+def starter(number: int, seed: int) -> str:
+    """Return the text of a starter; with a seed, that of exercises 5, 7 and 20 has another exponent."""
+    (path,) = FOLDER.glob(f"{number:02}_*.py")
+    text = path.read_text("utf-8")
+    if not seed:
+        return text
+    grading.SEED = seed
+    exponent = grading.exponent(number)
+    for before, after in CHANGES.get(number, ()):
+        if before not in text:
+            raise ValueError(f"{path} must have the text {before!r}, which the seed changes")
+        text = text.replace(before, after.format(e=exponent))
+    return text.replace(f"checks {number} mine.py", f"checks {number} mine.py --seed {seed}")
