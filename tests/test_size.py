@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 28_650, "tests": 29_100}
+LINES = {"dmis": 29_350, "tests": 29_350}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
 WORDS = 44_600
 """Words of the pages, tables included."""

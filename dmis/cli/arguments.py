@@ -212,6 +212,10 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
             "0, 35, 70 and 85 degrees (default: any, at most 1)", ALBEDO, (), metavar="A",
         ),
     }),
+    "doctor": ("find faults of multiple importance sampling in a table of any renderer's samples", {
+        "table": _option("file of shading samples (docs/doctor.md has its columns)", metavar="SAMPLES.npz"),
+        "--report": _option("also write a page for a browser", Path, metavar="OUT.html"),
+    }),
     "bench": ("measure the time of renders against that in their Embree calls", {
         "scenes": _option("scenes (default: those that come with dmis)", nargs="*", metavar="SCENE"),
         "--rules": _option("rules separated by commas (default %(default)s)", str, "balance,thesis"),

@@ -1,4 +1,4 @@
-"""Commands: ``python -m dmis render | compare | oracle | play | info | check | bench | bench-rules``.
+"""Commands: ``python -m dmis render | compare | oracle | play | info | check | doctor | bench | bench-rules``.
 
 Bad input ends with exit code 2 and one message. An interrupted command ends with 130, and its message has the command
 that resumes it.
@@ -23,6 +23,7 @@ from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import make_parser
 from dmis.cli.bench_rules import bench_rules
 from dmis.cli.check import check
+from dmis.cli.doctor import doctor
 from dmis.cli.rendering import render
 from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of, spp_of
 from dmis.estimator.settings import make_settings
@@ -193,6 +194,7 @@ _COMMANDS = {
     "play": _play,
     "info": _info,
     "check": check,
+    "doctor": doctor,
     "bench": _bench,
     "bench-rules": bench_rules,
 }

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from dmis.base.vectors import Array, Selection
+from dmis.scene.shading_points import ShadingPoints
 
 PIXEL_SUMS = ("closest hits", "occlusion rays", "squares")
 """Sums of a film whose statistic has a true ``pixel_sums``: rays of the pixels, and their samples squared."""
@@ -35,6 +36,8 @@ class Record:
     wi, p
         Its direction, of unit length, and the point that it leaves, pushed off its surface, in the units of
         `dmis.scene.scene.Scene.in_float32`; ``(3, N)`` each. None if no statistic asks for ``directions``.
+    surface
+        The surface points that it leaves; None as before.
     """
 
     technique_index: int
@@ -45,6 +48,7 @@ class Record:
     pdf: Array
     wi: Array | None = None
     p: Array | None = None
+    surface: ShadingPoints | None = None
 
 
 @dataclass(eq=False)

@@ -99,5 +99,5 @@ def record_samples(
     if batch.records.directions:
         n = pdf.shape[1]
         wi, p = (np.broadcast_to(take(a, lit), (3, n)) for a in (samples.light_sample.wi, samples.surface.p))
-        record = replace(record, wi=wi, p=p)
+        record = replace(record, wi=wi, p=p, surface=samples.surface.take(lit))
     batch.records.append(record)

@@ -1,0 +1,178 @@
+"""Plant faults of multiple importance sampling in tables of dmis, and measure whether the doctor finds them.
+
+Writes docs/tables/doctor-faults.csv: for each fault and scene z, the cause that is named with its factor and interval,
+and the rows that z = 5 would take. Then the false alarms of 40 right tables, eight scenes and five seeds; with
+``--speed`` time and memory of 10^7 rows.
+
+Run: python benchmarks/doctor_faults.py [--speed]               (five minutes)
+"""
+
+from __future__ import annotations
+
+import csv
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dmis
+from dmis.experiment.doctor.causes import Cause
+from dmis.experiment.doctor.diagnosis import describe
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "examples" / "exporters"))
+import dmis_table  # type: ignore[import-not-found]
+
+SCENES = {
+    "density": ("teapot-area-light", "veach-mis"),
+    "area": ("teapot-area-light", "veach-mis"),
+    "cosine": ("teapot-area-light", "cornell"),
+    "lights": ("ten-lights", "veach-mis"),
+    "twice": ("teapot-area-light", "tt"),
+    "sine": ("tt", "tt-overcast"),
+    "two-sided": ("teapot-area-light", "killeroo-diffuse"),
+    "normals": ("teapot-area-light", "tt"),
+    "lobe": ("tt", "cornell"),
+}
+"""Scenes that each fault is planted in."""
+NAMES = {
+    "density": ("p_b", "light", ""),
+    "area": ("p_l", "BRDF", "cos/d^2"),
+    "cosine": ("p_b", "light", "cos"),
+    "lights": ("p_l", "BRDF", ""),
+    "twice": ("f", "BRDF", ""),
+    "sine": ("p_l", "all", "sin z"),
+    "two-sided": ("p_l", "all", ""),
+    "normals": ("p_b", "light", "normals"),
+    "lobe": ("p_b", "all", ""),
+}
+"""Column, rows and measure of the cause that each fault is."""
+
+
+def plant(fault: str, table: dict[str, Any], seed: int = 0) -> dict[str, Any]:
+    """Return a table of `examples/exporters/dmis_table.py` as a renderer with a fault would write it.
+
+    Parameters
+    ----------
+    fault
+        A name of `SCENES`.
+    """
+    out = dict(table)
+    is_light = table["technique"] == 0
+    sky = np.isinf(table["distance"])
+    cos = np.abs((table["normal"] * table["direction"]).sum(axis=1))
+    if fault == "density":
+        out["p_b"] = np.where(is_light, 0.93 * table["p_b"], table["p_b"])
+    elif fault == "area":
+        cos_light = np.abs((table["light_normal"] * table["direction"]).sum(axis=1))
+        per_area = table["p_l"] * cos_light / np.where(sky, 1, np.minimum(table["distance"], 1e18)) ** 2
+        out["p_l"] = np.where(is_light | sky, table["p_l"], per_area)
+    elif fault == "cosine":
+        out["p_b"] = np.where(is_light, table["p_b"] / np.maximum(cos, 1e-6), table["p_b"])
+    elif fault == "lights":
+        number = len(np.unique(table["light"]))
+        out["p_l"] = np.where(is_light, table["p_l"], number * table["p_l"])
+    elif fault == "twice":
+        out["f"] = np.where(is_light, 1, 2)[:, None] * table["f"]
+    elif fault == "sine":
+        y = table["direction"][:, 2]
+        out["p_l"] = np.where(sky, table["p_l"] * np.sqrt(np.maximum(1 - y * y, 1e-6)), table["p_l"])
+    elif fault == "two-sided":
+        kept = ~is_light | (np.random.default_rng((seed, 2)).random(len(is_light)) < 0.5)
+        out |= {name: column[kept] for name, column in table.items() if np.ndim(column) and name != "shape"}
+    elif fault == "normals":
+        geometric = np.abs((table["geometric_normal"] * table["direction"]).sum(axis=1))
+        out["p_b"] = np.where(is_light, table["p_b"] * geometric / np.maximum(cos, 1e-6), table["p_b"])
+    elif fault == "lobe":
+        out["p_b"] = np.where(table["lobe"] == 2, 2, 1) * table["p_b"]
+    return out
+
+
+def named(fault: str, causes: Sequence[Cause]) -> bool:
+    """Whether a fault is the likeliest cause, or one that gives the same table as that."""
+    right = [c for c in causes if (c.column, c.rows, c.measure) == NAMES[fault]]
+    return any(cause.misfit < causes[0].misfit + 1 for cause in right)
+
+
+def small(name: str, side: int) -> dmis.Scene:
+    """Return a shipped scene of about `side` pixels along its longer side."""
+    width, height = dmis.load_scene(name).camera.resolution
+    scale = side / max(width, height)
+    return dmis.load_scene(name, (round(width * scale), round(height * scale)))
+
+
+def table_of_faults(side: int = 96, spp: int = 64, seed: int = 3) -> list[dict[str, Any]]:
+    """Return the rows of the table: each fault on its scenes."""
+    lines = []
+    for fault, scenes in SCENES.items():
+        for scene in scenes:
+            table = plant(fault, dmis_table.table(small(scene, side), spp, seed))
+            result = dmis.doctor(table)
+            cause = next(
+                (c for c in result.causes if (c.column, c.rows, c.measure) == NAMES[fault]),
+                result.causes[0] if result.causes else None,
+            )
+            z_of_means = max(abs(test.z) for test in result.tests if test.trusted)
+            line = {"fault": fault, "scene": scene, "rows": sum(result.rows), "found": not result.healthy}
+            line |= {"named": named(fault, result.causes), "z_of_means": f"{z_of_means:.1f}"}
+            if cause is not None:
+                line |= {"z": f"{cause.z:.1f}", "factor": f"{cause.factor:.3f}", "low": f"{cause.low:.3f}"}
+                line |= {"high": f"{cause.high:.3f}", "causes": len(result.causes), "cause": describe(cause)}
+                line["rows_for_z_5"] = round(sum(result.rows) * min(1, 25 / max(cause.z, 0.1) ** 2), -2)
+            lines.append(line)
+            print(line, flush=True)
+    return lines
+
+
+def false_alarms(side: int = 64, spp: int = 16, seeds: int = 5) -> list[str]:
+    """Return the right tables that alarm, of all shipped scenes."""
+    tables = [(scene, seed) for scene in dmis.SHIPPED for seed in range(seeds)]
+    alarms = [
+        table for table in tables if not dmis.doctor(dmis_table.table(small(table[0], side), spp, table[1])).healthy
+    ]
+    print(f"{len(alarms)} of {len(tables)} right tables alarm: {alarms}")
+    return [f"{scene} {seed}" for scene, seed in alarms]
+
+
+def speed(rows: int = 10_000_000) -> None:
+    """Print CPU seconds and memory of 10^7 rows, copies of those of the teapot, with a fault and without."""
+    one = dmis_table.table(small("teapot-area-light", 96), 64)
+    n = len(one["f"])
+    copies = np.arange(rows) // n
+    big = {name: column[np.arange(rows) % n] for name, column in one.items() if np.shape(column)[:1] == (n,)}
+    big["camera_sample"] = big["camera_sample"] + (64 * copies).astype(np.int32)
+    path = ROOT / "doctor-speed.npz"
+    try:
+        for factor in (1, 0.93):
+            big["p_b"] = np.where(big["technique"] == 0, factor, 1).astype(np.float32) * big["p_b"]
+            np.savez(path, **big, version=1, light_samples=1, brdf_samples=1, shape=one["shape"])
+            before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            subprocess.run([sys.executable, "-m", "dmis", "doctor", str(path)], check=False, stdout=subprocess.DEVNULL)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            wall = time.perf_counter() - begin
+            print(f"{rows:,} rows, p_b x {factor}: {wall:.1f} s, CPU {cpu:.1f} s, {after.ru_maxrss / 2**20:.2f} GB")
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def run() -> None:
+    """Write the table and print the rest."""
+    if "--speed" in sys.argv:
+        speed()
+        return
+    lines = table_of_faults()
+    with open(ROOT / "docs" / "tables" / "doctor-faults.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(dict.fromkeys(key for line in lines for key in line)), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(lines)
+    false_alarms()
+
+
+if __name__ == "__main__":
+    run()

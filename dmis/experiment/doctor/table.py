@@ -1,0 +1,201 @@
+"""The doctor's table of shading samples: its columns, its reader, and what the reader refuses (docs/doctor.md).
+
+A row is a shading sample: the direction that light sampling or BRDF sampling drew for a camera sample. Rows that both
+techniques could have drawn are compared, so each of these must be there, occluded ones with f = 0. Others may be left
+out where f = 0.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array, Floats
+from dmis.experiment.bench.samples import SampleTable
+
+VERSION = 1
+"""Version of the format."""
+REQUIRED = ("pixel", "camera_sample", "technique", "f", "p_l", "p_b")
+"""Columns that every table has."""
+LABELS = ("light", "lobe", "depth")
+"""Optional columns of whole numbers: which light, which lobe or material, which surface of the path."""
+GEOMETRY = ("position", "direction", "normal", "geometric_normal", "distance", "light_normal")
+"""Optional columns: distances ``(R,)``, infinite for skies, others ``(R, 3)``; normals and directions are unit."""
+HEADER = ("version", "light_samples", "brdf_samples", "rows", "shape")
+"""Numbers beside the columns: the first three are required; `rows` and ``(H, W)`` are optional."""
+MOST_MASS = 3.0
+"""Estimated probability, at most 1 but for noise, above which a unit is doubted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Shading samples that both techniques could have drawn, those of a camera sample one after the other.
+
+    Attributes
+    ----------
+    is_light
+        Whether light sampling drew the row, ``(R,)`` bool.
+    f
+        Integrand, the mean of its channels, ``(R,)`` float32.
+    a_l, a_b
+        Densities times numbers of samples, ``n_l p_l`` and ``n_b p_b``, ``(R,)`` float64.
+    sample
+        Number of the camera sample, ``(R,)``, never falling.
+    pixel
+        Number of the pixel, ``(R,)``.
+    labels
+        Those of `LABELS` that the table has, ``(R,)`` each.
+    source, index
+        The arrays as they were given, and the rows of these that are here, ``(R,)``.
+    shape
+        ``(H, W)`` of the image; None if unknown.
+    notes
+        What the reader doubts.
+    """
+
+    is_light: Array
+    f: Array
+    a_l: Floats
+    a_b: Floats
+    sample: Array
+    pixel: Array
+    labels: Mapping[str, Array]
+    source: Mapping[str, Any]
+    index: Array
+    shape: tuple[int, int] | None
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.f)
+
+    def geometry(self, name: str, rows: Array | slice = slice(None)) -> Array | None:
+        """Return one of `GEOMETRY` in some rows; None if the table does not have it."""
+        return np.asarray(self.source[name])[self.index[rows]] if name in self.source else None
+
+
+def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> Table:
+    """Return the table of an ``.npz`` file, of arrays by name, or of `dmis.samples`.
+
+    Raises
+    ------
+    ValueError
+        If something is missing or cannot be right; the message says which row, and what to write in its place.
+    """
+    if isinstance(source, SampleTable):
+        w, s = float(source.w[0]), source.shading_samples
+        of_header = {"version": VERSION, "light_samples": w * s, "brdf_samples": (1 - w) * s, "shape": source.shape}
+        names = (*REQUIRED, "light")
+        return _table({name: getattr(source, name) for name in names} | of_header)
+    if isinstance(source, Mapping):
+        return _table(source)
+    try:
+        return _table(np.load(source, allow_pickle=False))
+    except (zipfile.BadZipFile, EOFError, ValueError, TypeError) as error:
+        raise ValueError(f"{source}: {error}. A table is an .npz file, see docs/doctor.md") from error
+
+
+def _table(source: Mapping[str, Any]) -> Table:
+    """Return the table of arrays by name."""
+    if missing := [name for name in (*HEADER[:3], *REQUIRED) if name not in source]:
+        raise ValueError(f"columns {', '.join(missing)} are missing; there are {', '.join(source) or 'none'}")
+    if int(source["version"]) != VERSION:
+        raise ValueError(f"version must be {VERSION}; got {source['version']}")
+    n_l, n_b = (float(source[name]) for name in HEADER[1:3])
+    if not (0 < n_l < np.inf and 0 < n_b < np.inf):
+        raise ValueError(
+            f"light_samples and brdf_samples, drawn for each camera sample, must be positive: without one there is "
+            f"nothing to compare; got {n_l:g} and {n_b:g}"
+        )
+    columns = {name: np.asarray(source[name]) for name in (*REQUIRED, *LABELS) if name in source}
+    _check_lengths(columns, source)
+    technique = columns["technique"]
+    if not np.isin(technique, (-1, 0, 1)).all():
+        raise ValueError(f"technique must be 0 (light), 1 (BRDF) or -1 (ignored); got {np.unique(technique)[:9]}")
+    f = columns.pop("f")
+    f = f if f.ndim == 1 else f.mean(axis=1)
+    p_l, p_b = columns["p_l"], columns["p_b"]
+    _check_values(technique, f, p_l, p_b)
+    rows = np.flatnonzero((technique >= 0) & (p_l > 0) & (p_b > 0))
+    is_light = technique[rows] == 0
+    if is_light.all() or not is_light.any():
+        raise ValueError(
+            f"the table must have light samples and BRDF samples in directions that both can draw; of {len(f):,} rows "
+            f"{is_light.sum():,} light samples and {(~is_light).sum():,} BRDF samples have p_l > 0 and p_b > 0. Write "
+            f"both densities into every row"
+        )
+    key = columns["pixel"][rows] * np.int64(1 + columns["camera_sample"].max()) + columns["camera_sample"][rows]
+    if (np.diff(key) < 0).any():
+        order = np.argsort(key, kind="stable")
+        rows, key, is_light = rows[order], key[order], is_light[order]
+    sample = np.concatenate([[0], np.cumsum(np.diff(key) > 0, dtype=np.int32)])
+    labels = {name: columns[name][rows] for name in LABELS if name in columns}
+    _check_counts(sample, is_light, labels, n_l, n_b)
+    f, a_l, a_b = f[rows].astype(np.float32), n_l * p_l[rows].astype(float), n_b * p_b[rows].astype(float)
+    shape = (int(source["shape"][0]), int(source["shape"][1])) if "shape" in source else None
+    lights = len(np.unique(labels["light"])) if "light" in labels else 1
+    notes = tuple(_doubts(f, (a_l, a_b), sample, is_light, lights))
+    return Table(is_light, f, a_l, a_b, sample, columns["pixel"][rows], labels, source, rows, shape, notes)
+
+
+def _check_lengths(columns: Mapping[str, Array], source: Mapping[str, Any]) -> None:
+    """Raise a ValueError if columns are not of one length, which is `rows` if that is given."""
+    lengths = {name: len(column) if column.ndim else 0 for name, column in columns.items()}
+    rows = int(source["rows"]) if "rows" in source else lengths["pixel"]
+    if wrong := {name: length for name, length in lengths.items() if length != rows}:
+        counts = ", ".join(f"{name} has {length:,}" for name, length in wrong.items())
+        raise ValueError(f"all columns must have {rows:,} rows; {counts}. Was the file closed by the renderer?")
+
+
+def _check_values(technique: Array, f: Array, p_l: Array, p_b: Array) -> None:
+    """Raise a ValueError that names the first row with values that no renderer may have."""
+    own = np.where(technique == 1, p_b, p_l)
+    drawn = technique >= 0
+    for wrong, text in (
+        (~np.isfinite(f), "f must be a number: a NaN or infinity in a sample spoils its pixel"),
+        (~np.isfinite(p_l + p_b), "densities must be numbers; leave out delta lights and mirrors, which have none"),
+        ((p_l < 0) | (p_b < 0), "densities must not be negative"),
+        (f < 0, "f, the mean of its channels, must not be negative"),
+        (drawn & (own <= 0) & (f > 0), "the technique drew a direction whose density it calls 0, with f > 0"),
+    ):
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise ValueError(
+                f"{text}; row {row:,} is the first of {np.count_nonzero(wrong):,}: technique {technique[row]}, "
+                f"f {f[row]:.4g}, p_l {p_l[row]:.4g}, p_b {p_b[row]:.4g}"
+            )
+
+
+def _check_counts(sample: Array, is_light: Array, labels: Mapping[str, Array], n_l: float, n_b: float) -> None:
+    """Raise a ValueError if a camera sample has more samples of one technique than the header says."""
+    some = slice(2**17)
+    values = (sample, is_light, *(labels[name] for name in ("light", "depth") if name in labels))
+    rows, counts = np.unique(np.stack([a[some] for a in values], axis=1), axis=0, return_counts=True)
+    for kind, name, n in ((1, "light_samples", n_l), (0, "brdf_samples", n_b)):
+        most = counts[rows[:, 1] == kind].max(initial=0)
+        if most > np.ceil(n):
+            raise ValueError(
+                f"{name} is {n:g}, but a camera sample has {most} such rows. Write how many are drawn, count camera "
+                f"samples anew in each pixel, and name light and depth if a camera sample has several"
+            )
+
+
+def _doubts(f: Array, a: tuple[Floats, Floats], sample: Array, is_light: Array, lights: int) -> list[str]:
+    """Return what may be wrong with the table itself, as sentences; `a` are ``n_l p_l`` and ``n_b p_b``."""
+    notes = []
+    if f.all():
+        notes.append("no row has f = 0, so densities are not compared; write occluded samples, too, if there are any")
+    draws = lights * (int(sample[-1]) + 1)
+    for drawn, own, other, names in ((is_light, *a, "p_b / p_l"), (~is_light, *a[::-1], "p_l / p_b")):
+        # E[p_b / p_l] of a light sample = probability that a BRDF sample is one that light sampling can draw <= 1
+        mass = (other[drawn] / own[drawn]).sum() / draws
+        if mass > MOST_MASS:
+            notes.append(
+                f"the mean of {names} over the rows of the technique below is a probability, but it is {mass:.3g}: is "
+                f"one density not per solid angle, or has it a factor too many?"
+            )
+    return notes

@@ -1,0 +1,225 @@
+"""The doctor: right tables pass, planted faults are found and named, bad tables are refused with the reason."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import shared_scene
+
+import dmis
+from dmis.cli.commands import main
+from dmis.experiment.doctor import means
+from dmis.experiment.doctor.causes import FITTED, gather, joint_test
+from dmis.experiment.doctor.table import read_table
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples" / "exporters")]
+import dmis_table  # noqa: E402
+import doctor_faults  # noqa: E402
+
+
+def synthetic(n: int = 20_000, seed: int = 0) -> dict:
+    """Return a right table of n light samples and as many BRDF samples, whose directions are told by x.
+
+    p_l = 8 (1/2 - x) from 0 to 1/2, p_b = 2 x from 0 to 1, f = 1 + x where a coin says that nothing is in between.
+    """
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([0.5 - 0.5 * np.sqrt(rng.random(n)), np.sqrt(rng.random(n))])
+    p_l, p_b = np.maximum(8 * (0.5 - x), 0), 2 * x
+    cos, tilt = 0.2 + 0.7 * x, 0.3 * rng.random(2 * n)
+    flat = np.zeros_like(x)
+    up = np.stack([flat, flat, flat + 1], axis=1)
+    camera_sample = np.tile(np.arange(n), 2)
+    return {
+        "version": 1, "light_samples": 1, "brdf_samples": 1, "shape": (10, 10),
+        "pixel": camera_sample % 100, "camera_sample": camera_sample // 100, "technique": np.repeat([0, 1], n),
+        "f": np.where(rng.random(2 * n) < 0.7, 1 + x, 0)[:, None] * np.ones(3), "p_l": p_l, "p_b": p_b,
+        "direction": np.stack([np.sqrt(1 - cos**2), flat, cos], axis=1), "normal": up,
+        "geometric_normal": np.stack([np.sin(tilt), flat, np.cos(tilt)], axis=1), "light_normal": -up,
+        "distance": 1 + rng.random(2 * n), "light": camera_sample % 3,
+    }  # fmt: skip
+
+
+def test_right_tables_pass():
+    """Of 40 right tables at a level of 1 % at most 2 alarm."""
+    assert sum(not dmis.doctor(synthetic(4000, seed)).healthy for seed in range(40)) <= 2
+
+
+def test_errors_of_tests_are_right():
+    """Differences vary over seeds as their standard errors say, and their mean is 0."""
+    z = np.array(
+        [[t.z for t in means.tests(read_table(synthetic(3000, k))) if t.where == "all rows"] for k in range(60)]
+    )
+    assert z.shape == (60, 5)
+    assert np.all((z.std(axis=0) > 0.75) & (z.std(axis=0) < 1.3)) and np.all(np.abs(z.mean(axis=0)) < 0.55)
+
+
+NAMED = {
+    "density": ("p_b", "light", "", 0.93),
+    "area": ("p_l", "BRDF", "cos/d^2", 1),
+    "cosine": ("p_b", "light", "cos", 1),
+    "lights": ("p_l", "BRDF", "", 3),
+    "twice": ("f", "BRDF", "", 2),
+    "two-sided": ("p_l", "all", "", 2),
+    "normals": ("p_b", "light", "normals", 1),
+    "lobe": ("p_b", "all", "", 2),
+}
+
+
+@pytest.mark.parametrize("fault", NAMED)
+def test_faults_are_named(fault):
+    """The likeliest cause, or one that gives the same table, is the fault; its interval has the factor."""
+    right = synthetic()
+    if fault == "lobe":
+        right["lobe"] = 1 + right["camera_sample"] // 7 % 2
+    diagnosis = dmis.doctor(doctor_faults.plant(fault, right))
+    assert not diagnosis.healthy and diagnosis.causes[0].z > 5
+    column, rows, measure, factor = NAMED[fault]
+    (cause,) = [c for c in diagnosis.causes if (c.column, c.rows, c.measure) == (column, rows, measure)]
+    assert cause.share > 0.4 and cause.p > 1e-3
+    assert cause.low * 0.99 < factor < cause.high * 1.01 and cause.high / cause.low < 1.2
+    assert cause.where == ("lobe 2" if fault == "lobe" else "")
+    assert doctor_faults.named(fault, diagnosis.causes)
+    assert not doctor_faults.named("sine", diagnosis.causes)
+
+
+def test_causes_that_give_the_same_table_are_together():
+    """A sampler that loses half of the light samples is p_l times 2 and p_b times 1/2."""
+    causes = dmis.doctor(doctor_faults.plant("two-sided", synthetic())).causes
+    first, second = causes[:2]
+    assert {first.column, second.column} == {"p_l", "p_b"} and first.share == pytest.approx(second.share)
+    assert first.factor * second.factor == pytest.approx(1)
+
+
+def test_sky_without_sine_is_named():
+    """On the scene tt, of 48x27 pixels."""
+    table = dmis_table.table(shared_scene("tt", (48, 27)), 8)
+    assert dmis.doctor(table).healthy
+    assert doctor_faults.named("sine", dmis.doctor(doctor_faults.plant("sine", table)).causes)
+
+
+def test_smallest_error_is_named():
+    """A fault of twice the smallest error that a right table promises to name is named; a fifth of it is not found."""
+    right = synthetic(20_000)
+    least = dmis.doctor(right).smallest["p_b of light"]
+    light = right["technique"] == 0
+    factors = {k: np.where(light, 1 + k * least, 1) for k in (0.2, 2.0)}
+    assert dmis.doctor(right | {"p_b": right["p_b"] * factors[0.2]}).healthy
+    causes = dmis.doctor(right | {"p_b": right["p_b"] * factors[2.0]}).causes
+    factors = [c.factor ** (1 if (c.column, c.rows) == ("p_b", "light") else -1) for c in causes]
+    assert factors[0] == pytest.approx(1 + 2 * least, rel=least) and causes[0].z == pytest.approx(10, rel=0.4)
+
+
+def test_few_samples_decide_nothing():
+    """One sample as bright as all others together makes no alarm."""
+    table = synthetic(4000)
+    table["f"][10] = table["f"].sum()
+    diagnosis = dmis.doctor(table)
+    assert diagnosis.healthy and not next(t for t in diagnosis.tests if t.name == "f").trusted
+
+
+def test_order_of_rows_means_nothing():
+    """Shuffled rows have the same tests; rows that one technique cannot draw are left out."""
+    table = synthetic(4000)
+    order = np.random.default_rng(1).permutation(8000)
+    shuffled = {k: v[order] if np.shape(v)[:1] == (8000,) else v for k, v in table.items()}
+    a, b = (read_table(t) for t in (table, shuffled))
+    assert len(a) == len(b) < 8000 and (a.a_l > 0).all() and (np.diff(b.sample) >= 0).all()
+    for one, other in zip(means.tests(a), means.tests(b), strict=True):
+        assert one.where == other.where and one.z == pytest.approx(other.z, abs=1e-6)
+
+
+def test_light_samples_are_thinned_with_their_weight():
+    """Few BRDF samples: some light samples stand for all, and a right table stays right."""
+    table = synthetic(4000)
+    kept = (table["technique"] == 0) | (table["camera_sample"] % 20 == 0)
+    few = {k: v[kept] if np.shape(v)[:1] == (8000,) else v for k, v in table.items()} | {"brdf_samples": 0.05}
+    rows = read_table(few)
+    evidence = gather(rows, FITTED, 0)
+    assert evidence.weight.max() > 2 and evidence.weight.sum() == pytest.approx(len(rows), rel=0.1)
+    assert joint_test(rows) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"p_b": None}, "p_b are missing"),
+        ({"version": 9}, "version must be 1; got 9"),
+        ({"brdf_samples": 0}, "must be positive"),
+        ({"p_l": np.ones(5)}, "p_l has 5.*closed"),
+        ({"rows": 9000}, "9,000 rows"),
+        ({"technique": np.full(8000, 3)}, "technique must be"),
+        ({"technique": np.zeros(8000, int), "f": np.zeros(8000)}, "both can draw"),
+        ({"light_samples": 0.4, "camera_sample": np.zeros(8000, int)}, "light_samples is 0.4, but"),
+    ],
+)
+def test_bad_tables_are_refused(change, message):
+    """The message says what is wrong and what is allowed."""
+    table = {name: value for name, value in (synthetic(4000) | change).items() if value is not None}
+    with pytest.raises(ValueError, match=message):
+        dmis.doctor(table)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("f", np.nan, "f must be a number.*row 7 "),
+        ("f", -1, "must not be negative; row 7"),
+        ("p_l", np.inf, "delta lights"),
+        ("p_b", -1, "densities must not be negative"),
+        ("p_l", 0, "calls 0, with f > 0; row 7 "),
+    ],
+)
+def test_bad_rows_are_named(column, value, message):
+    """The message has the number and the values of the first bad row."""
+    table = synthetic(4000)
+    table["f"][7] = 1
+    table[column][7] = value
+    with pytest.raises(ValueError, match=message):
+        dmis.doctor(table)
+
+
+def test_units_and_missing_rows_are_doubted():
+    """A density of another unit has a mass above 1 in all rows; without rows of f = 0, densities are not compared."""
+    table = synthetic(4000)
+    assert "not per solid angle" in dmis.doctor(table | {"p_l": table["p_l"] * 50}).notes[0]
+    kept = table["f"][:, 0] > 0
+    lit = {k: v[kept] if np.shape(v)[:1] == (8000,) else v for k, v in table.items()}
+    diagnosis = dmis.doctor(lit)
+    assert "no row has f = 0" in diagnosis.notes[0]
+    assert {test.name for test in diagnosis.tests} == {"f", "w = 1", "w = 0"}
+
+
+def test_table_of_samples():
+    """What `dmis.samples` returns is a table, and right."""
+    diagnosis = dmis.doctor(dmis.samples(shared_scene("teapot-area-light", (40, 40)), spp=16, sampler="independent"))
+    assert diagnosis.healthy and min(diagnosis.rows) > 500
+
+
+def test_command(tmp_path, capsys):
+    """Exit code 0, 1 or 2; the text has verdict, cause and hint, the page the same."""
+    paths = {name: tmp_path / f"{name}.npz" for name in ("right", "wrong", "empty")}
+    table = synthetic(8000)
+    np.savez(paths["right"], **table)
+    np.savez(paths["wrong"], **doctor_faults.plant("area", table))
+    paths["empty"].write_bytes(b"")
+    assert main(["doctor", str(paths["right"])]) == 0
+    assert "verdict: no fault was found" in capsys.readouterr().out
+    page = tmp_path / "report.html"
+    assert main(["doctor", str(paths["wrong"]), "--report", str(page)]) == 1
+    out = capsys.readouterr().out
+    assert "p_l in rows of BRDF samples is" in out and "per area" in out
+    assert "p_l in rows of BRDF samples is" in page.read_text() and page.read_text().count('class="bad"') > 5
+    assert main(["doctor", str(paths["empty"])]) == 2
+    assert "A table is an .npz file" in capsys.readouterr().err
+    assert main(["doctor", str(paths["right"]), "--report", "report.pdf"]) == 2
+
+
+def test_works_without_embree(tmp_path):
+    """The command does not import embreex."""
+    np.savez(tmp_path / "table.npz", **synthetic(1000))
+    code = "import sys; sys.modules['embreex'] = None; from dmis.cli.commands import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "doctor", str(tmp_path / "table.npz")]
+    assert subprocess.run(command, cwd=ROOT, check=False, capture_output=True).returncode == 0
