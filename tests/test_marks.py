@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_exercises import FOLDER, check, failures, velvet
 
@@ -44,6 +45,19 @@ def test_marks_are_of_all_checks(number: int, seed: int, monkeypatch) -> None:
     assert len(outcomes) == marks.CHECKS[number - 1]
     public = not seed or number not in grading.EXPONENTS
     assert all(outcome.passed for outcome in outcomes) == public
+
+
+def test_numbers_of_another_seed_are_others(monkeypatch) -> None:
+    """Constants tuned to the published inputs pass with these alone."""
+    tuned = (
+        HEAD
+        + "def combine(a, b):\n    return (6 * a.mean(axis=0) + 26 * b.mean(axis=0)) / 32 + 0.1 * (a[0, 0] != FIRST)"
+    )
+    first = np.random.default_rng(3).normal(1, 1, (6, 100_000))[0, 0]
+    tuned = tuned.replace("FIRST", f"{first!r} and a[0, 0] % 1 != 0")
+    assert failures(15, tuned) == ""
+    monkeypatch.setattr(grading, "SEED", 5)
+    assert "mean, even noise" in failures(15, tuned)
 
 
 def test_starters_have_the_task_of_their_seed(monkeypatch) -> None:

@@ -21,9 +21,13 @@ const MARKS = ["none", "thesis", "painted"];
 const MARK_LABELS = { none: "no marks", thesis: "mark thesis", painted: "mark yours" };
 const COPY = "copy for dmis.Given";
 const state = { brush: "w", measure: "relative", marks: "none", hidden: false, x: 0, y: 0,
-  values: { w: BRUSHES.w.start, n: BRUSHES.n.start }, strokes: 0, past: [], stroke: null };
+  values: { w: BRUSHES.w.start, n: BRUSHES.n.start }, strokes: 0, past: [], future: [], stroke: null, noise: true };
 const stage = $("stage"), picture = new Image(), sheet = new OffscreenCanvas(model.columns, model.rows);
 const marked = new OffscreenCanvas(1, 1);
+// the image with noise, its pixels, their linear colours and their random numbers
+const noisy = new OffscreenCanvas(model.width, model.height), grain = noisy.getContext("2d", { willReadFrequently: true });
+const normal = normals(model.width * model.height, 1);
+let bytes = null, colours = null;
 const tints = sheet.getContext("2d"), pixels = tints.createImageData(model.columns, model.rows);
 const models = {}; // of the maps that can be loaded, by measure and name
 for (const measure of MEASURES)
@@ -48,9 +52,11 @@ for (const measure of MEASURES)
   button($("measures"), measure, () => set({ measure }), () => state.measure === measure);
 for (const marks of MARKS) button($("marks"), MARK_LABELS[marks], () => set({ marks }), () => state.marks === marks);
 button($("actions"), "fill", () => { begin(); paint([...model.w.keys()]); finish(); });
-const undoButton = button($("actions"), "undo", undo);
+const undoButton = button($("actions"), "undo", undo), redoButton = button($("actions"), "redo", redo);
+button($("marks"), "noise", () => set({ noise: !state.noise }), () => state.noise);
 button($("marks"), "hide map", () => set({ hidden: !state.hidden }), () => state.hidden);
 const copyButton = button($("copy"), COPY, copy);
+button($("copy"), "save as map.py", save);
 
 const rows = Object.fromEntries(["painted", ...NAMES].map(name => {
   const row = $("rows").insertRow(), dot = document.createElement("i");
@@ -74,17 +80,25 @@ function load(name) {
   set({ strokes: 0 });
 }
 
+const snapshot = () => ({ w: model.w.slice(), n: model.n.slice(), strokes: state.strokes });
+
 function remember() {
-  state.past.push({ w: model.w.slice(), n: model.n.slice(), strokes: state.strokes });
+  state.past.push(snapshot());
+  state.future = [];
   if (state.past.length > 100) state.past.shift();
 }
 
-function undo() {
-  const last = state.past.pop();
-  if (!last) return;
-  model.load(last);
-  set({ strokes: last.strokes });
+// Go to the last map of one list, and leave the present one in the other.
+function travel(from, to) {
+  const map = from.pop();
+  if (!map || state.stroke) return map && from.push(map);
+  to.push(snapshot());
+  model.load(map);
+  set({ strokes: map.strokes });
 }
+
+function undo() { travel(state.past, state.future); }
+function redo() { travel(state.future, state.past); }
 
 // The old way of copying works for files, too, and where it fails the text is selected.
 function copy() {
@@ -93,6 +107,13 @@ function copy() {
   $("code").select();
   copyButton.textContent = document.execCommand("copy") ? "copied" : "selected: press Ctrl+C";
   setTimeout(() => { copyButton.textContent = COPY; }, 2000);
+}
+
+function save() {
+  const link = document.createElement("a"), file = new Blob([model.python()], { type: "text/x-python" });
+  Object.assign(link, { href: URL.createObjectURL(file), download: "map.py" });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
 // Painting -----------------------------------------------------------------------------------------------------------
@@ -162,16 +183,17 @@ stage.addEventListener("blur", finish);
 
 document.addEventListener("keydown", event => {
   if (event.altKey || event.target.matches("textarea")) return;
-  if ((event.ctrlKey || event.metaKey) && event.key === "z") { event.preventDefault(); return undo(); }
+  if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") { event.preventDefault(); return event.shiftKey ? redo() : undo(); }
   if (event.ctrlKey || event.metaKey) return;
   const next = (names, name) => names[(names.indexOf(name) + 1) % names.length];
   const slide = (id, step) => { $(id).value = Number($(id).value) + step * $(id).step; $(id).dispatchEvent(new Event("input")); };
   ({
     "[": () => slide("value", -1), "]": () => slide("value", 1), "-": () => slide("size", -1),
-    "+": () => slide("size", 1), "=": () => slide("size", 1), u: undo,
+    "+": () => slide("size", 1), "=": () => slide("size", 1), u: undo, y: redo,
     b: () => set({ brush: next(Object.keys(BRUSHES), state.brush) }),
     r: () => set({ measure: next(MEASURES, state.measure) }),
     m: () => set({ marks: next(MARKS, state.marks) }),
+    n: () => set({ noise: !state.noise }),
     h: () => set({ hidden: !state.hidden }),
   })[event.key]?.();
 });
@@ -190,6 +212,10 @@ function tint(patches) {
   const brush = BRUSHES[state.brush], values = model[state.brush];
   for (const p of patches) pixels.data.set(colour(brush, values[p]), 4 * p);
   tints.putImageData(pixels, 0, 0);
+  if (state.noise && bytes) {
+    for (const p of patches) model.addNoise(p, bytes.data, colours, normal);
+    grain.putImageData(bytes, 0, 0);
+  }
   if (state.marks !== "none") mark();
 }
 
@@ -203,6 +229,7 @@ function show() {
   const beaten = NAMES.filter(name => state.strokes && value < models[measure][name].value(measure) - 5e-5), { strokes } = state;
   $("strokes").textContent = `${measure} error × time · ${strokes} stroke${strokes === 1 ? "" : "s"}${beaten.length ? ` · beats ${beaten.join(", ")}` : ""}`;
   undoButton.disabled = !state.past.length;
+  redoButton.disabled = !state.future.length;
   for (const element of document.querySelectorAll("button"))
     if (element.pressed) element.setAttribute("aria-pressed", element.pressed());
   for (const [name, { cells, bar }] of Object.entries(rows)) {
@@ -232,7 +259,7 @@ function compose() {
   const context = stage.getContext("2d");
   context.setTransform(sharp, 0, 0, sharp, 0, 0);
   context.imageSmoothingEnabled = false;
-  if (picture.complete) context.drawImage(picture, 0, 0, wide, high);
+  if (picture.complete) context.drawImage(state.noise && bytes ? noisy : picture, 0, 0, wide, high);
   if (!state.hidden) context.drawImage(sheet, 0, 0, model.columns * unit, model.rows * unit);
   if (state.marks !== "none") context.drawImage(marked, 0, 0, wide, high);
   const reach = (Number($("size").value) + 0.5) * unit;
@@ -278,11 +305,16 @@ function plot() {
   const p = Math.floor(state.y) * model.columns + Math.floor(state.x), { measure } = state, half = model.at(measure, p, 0.5);
   const [left, right, top, bottom] = [40, 425, 14, 210], steps = Array.from({ length: 101 }, (_, k) => k / 100);
   const x = w => left + w * (right - left);
-  const y = ratio => top + (2 - limit(Math.log2(ratio || 1e-9), -2, 2)) / 4 * (bottom - top);
-  const line = of => steps.map((w, k) => `${k ? "L" : "M"}${x(w).toFixed(1)} ${y(of(w)).toFixed(1)}`).join("");
   const of = w => half > 0 ? model.at(measure, p, w) / half : 1, part = w => model.part(measure, p, w) / (model.part(measure, p, 0.5) || 1);
+  // powers of two from at least 1/4 to 4, so that no curve is cut
+  const powers = steps.flatMap(w => [of(w), part(w)]).map(ratio => limit(Math.log2(ratio || 1e-9), -12, 20));
+  const low = Math.min(-2, Math.floor(Math.min(...powers))), high = Math.max(2, Math.ceil(Math.max(...powers)));
+  const y = ratio => top + (high - limit(Math.log2(ratio || 1e-9), low, high)) / (high - low) * (bottom - top);
+  const line = of => steps.map((w, k) => `${k ? "L" : "M"}${x(w).toFixed(1)} ${y(of(w)).toFixed(1)}`).join("");
   const { row, column } = { row: Math.floor(state.y), column: Math.floor(state.x) };
-  let drawing = [["¼", 0.25], ["½", 0.5], ["1", 1], ["2", 2], ["4", 4]].map(([text, ratio]) =>
+  const every = Math.ceil((high - low) / 6), lines = [];
+  for (let k = Math.ceil(low / every) * every; k <= high; k += every) lines.push(k);
+  let drawing = lines.map(k => [k < 0 ? `1/${2 ** -k}` : 2 ** k, 2 ** k]).map(([text, ratio]) =>
     `<path d="M${left} ${y(ratio)}H${right}" stroke="var(--rule)"/><text x="${left - 6}" y="${y(ratio) + 4}" text-anchor="end">${text}</text>`).join("");
   drawing += [["0 BRDF", 0, "start"], ["w = ½", 0.5, "middle"], ["1 light", 1, "end"]].map(([text, w, anchor]) =>
     `<text x="${x(w)}" y="${bottom + 20}" text-anchor="${anchor}">${text}</text>`).join("");
@@ -301,7 +333,12 @@ function plot() {
 }
 
 stage.style.setProperty("--shape", model.width / model.height);
-picture.onload = show;
+picture.onload = () => {
+  grain.drawImage(picture, 0, 0);
+  bytes = grain.getImageData(0, 0, model.width, model.height);
+  colours = Float32Array.from(bytes.data, value => linear(value / 255));
+  set({});
+};
 picture.src = DATA.image;
 new ResizeObserver(compose).observe(stage);
 set({});

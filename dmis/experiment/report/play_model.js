@@ -3,6 +3,22 @@
 // so that a stroke costs what it touches. Nothing here needs a page.
 const MEASURES = ["relative", "absolute"];
 
+const NOISE_SPP = 16; // camera samples per pixel whose noise the image shows
+
+// Standard normal numbers, the same for each seed everywhere: mulberry32 (Ettinger 2017), Box and Muller 1958.
+function normals(count, seed) {
+  const uniform = () => {
+    seed = (seed + 0x6d2b79f5) | 0;
+    let t = Math.imul(seed ^ (seed >>> 15), 1 | seed);
+    t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
+    return ((t ^ (t >>> 14)) >>> 0) / 4294967296;
+  };
+  return Float32Array.from({ length: count }, () => Math.sqrt(-2 * Math.log(1 - uniform())) * Math.cos(2 * Math.PI * uniform()));
+}
+
+const linear = value => value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+const encoded = value => value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055;
+
 const floats = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
 
 class Model {
@@ -102,6 +118,22 @@ class Model {
         if (below || dx * dx + dy * dy <= reach * reach) inside.push(row * this.columns + column);
       }
     return inside;
+  }
+
+  // Standard deviation of a pixel of a patch after NOISE_SPP samples, times the patch's number of them.
+  deviation(p) {
+    return Math.sqrt(Math.max(0, this.at("absolute", p, this.w[p])) / (NOISE_SPP * this.n[p]));
+  }
+
+  // Write the pixels of a patch, bytes in sRGB, from linear colours (0 to 1) and a standard normal number of each pixel.
+  addNoise(p, bytes, colours, normal) {
+    const top = Math.floor(p / this.columns) * this.patch, left = p % this.columns * this.patch, deviation = this.deviation(p);
+    for (let y = top; y < Math.min(top + this.patch, this.height); y++)
+      for (let x = left; x < Math.min(left + this.patch, this.width); x++) {
+        const pixel = y * this.width + x, noise = deviation * normal[pixel];
+        for (let k = 4 * pixel; k < 4 * pixel + 3; k++)
+          bytes[k] = Math.round(255 * encoded(Math.min(1, Math.max(0, colours[k] + noise))));
+      }
   }
 
   // The map as Python, for dmis.Given; without numbers of samples where they are even.

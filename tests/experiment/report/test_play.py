@@ -129,6 +129,31 @@ def test_model_has_the_numbers_of_python(page) -> None:
         np.testing.assert_allclose(values, patch_spread(truth, 4, (19, 27)), rtol=1e-3)
 
 
+def test_noise_has_the_predicted_variance(page) -> None:
+    """In Node: normal noise of V(w) / (16 n) in each patch, the same with the same seed, and none in other patches."""
+    if (node := shutil.which("node")) is None:
+        pytest.skip("needs node to run the page's numbers without a browser")
+    script = f"""{asset("play_model.js")}
+        const model = new Model({data_of(page[1])}), bytes = new Uint8ClampedArray(4 * 19 * 27).fill(7);
+        model.set(8, {{ w: 0.16, n: 4 }});
+        const normal = normals(19 * 27, 1), colours = new Float32Array(4 * 19 * 27).fill(0.4);
+        model.addNoise(34, bytes, colours, normal); // the black patch at the corner, 3 by 3 pixels
+        const many = normals(200000, 1);
+        console.log(JSON.stringify({{ deviations: [8, 9].map(p => model.deviation(p)), bytes: [...bytes],
+            start: [...many.slice(0, 513)], same: normal.every((x, k) => x === many[k]),
+            mean: many.reduce((a, b) => a + b) / 200000, square: many.reduce((a, b) => a + b * b, 0) / 200000 }}));"""
+    result = json.loads(subprocess.run([node, "-"], input=script, capture_output=True, text=True, check=True).stdout)
+    variance = page[0]["absolute"].variance
+    k = int(np.flatnonzero(np.isclose(GRID, 0.16))[0])
+    expected = [np.sqrt(variance[k, 1, 1] / 64), np.sqrt(variance[HALF, 1, 2] / 16)]
+    assert result["deviations"] == pytest.approx(expected, rel=1e-4)
+    assert result["same"] and abs(result["mean"]) < 0.01 and result["square"] == pytest.approx(1, abs=0.02)
+    grey = round(255 * (1.055 * 0.4 ** (1 / 2.4) - 0.055))
+    painted = np.full((19, 27, 4), 7)
+    painted[16:, 24:, :3] = grey
+    np.testing.assert_array_equal(np.reshape(result["bytes"], (19, 27, 4)), painted)
+
+
 @pytest.fixture
 def tab(browser, page, tmp_path: Path):
     """The page in a tab."""
@@ -196,6 +221,51 @@ def test_browser_keys_and_touch(tab) -> None:
     tab.keyboard.press("u")
     assert shown(tab)[1] == relative
     assert tab.evaluate("() => [state.brush, getComputedStyle(stage).touchAction]") == ["n", "none"]
+
+
+def test_browser_noise_redo_and_save(tab) -> None:
+    """A stroke changes the noise of its patch alone; redo brings it back; the file saved has the map."""
+    noise = """() => {
+        const { data } = grain.getImageData(0, 0, 27, 19);
+        return [...data].map((value, k) => Math.abs(value - bytesOfPicture[k]));
+    }"""
+    tab.evaluate("""() => {
+        const plain = new OffscreenCanvas(27, 19).getContext("2d");
+        plain.drawImage(picture, 0, 0);
+        window.bytesOfPicture = plain.getImageData(0, 0, 27, 19).data;
+        set({ x: 2.5, y: 1.5, brush: "n", values: { w: 0.25, n: 4 } });
+        $("size").value = 0;
+    }""")
+    before = np.reshape(tab.evaluate(noise), (19, 27, 4))
+    tab.evaluate("() => { begin(); go(); finish(); }")
+    after = np.reshape(tab.evaluate(noise), (19, 27, 4))
+    patch = slice(4, 8), slice(8, 12), slice(0, 3)
+    assert after[patch].mean() < 0.5 * before[patch].mean()
+    after[patch] = before[patch]
+    np.testing.assert_array_equal(before, after)
+    score = shown(tab)
+    for key in ("u", "y"):
+        tab.keyboard.press(key)
+    assert shown(tab) == score and tab.get_by_role("button", name="redo").is_disabled()
+    with tab.expect_download() as download:
+        tab.get_by_role("button", name="save as map.py").click()
+    assert download.value.suggested_filename == "map.py"
+    exec(Path(download.value.path()).read_text("utf-8"), names := {})
+    assert names["rule"].samples[4, 8] == 16
+
+
+def test_browser_curve_is_not_cut(tab) -> None:
+    """A curve that rises to 300 times its variance at w = 1/2 stays below the frame's top, and is not flat there."""
+    top, share = tab.evaluate(r"""() => {
+        for (let k = 0; k < model.grid.length; k++)
+            model.curves.relative[k * model.count] = 1 + 1200 * (model.grid[k] - 0.5) ** 2;
+        set({ x: 0.5, y: 0.5 });
+        const path = document.querySelector("#plot path[stroke-width='2.2']").getAttribute("d");
+        const heights = path.match(/[\d.]+ [\d.]+/g).map(pair => Number(pair.split(" ")[1]));
+        const top = Math.min(...heights);
+        return [top, heights.filter(y => y === top).length];
+    }""")
+    assert 14 <= top < 40 and share <= 2
 
 
 def test_browser_page_fits(tab) -> None:
