@@ -93,7 +93,7 @@ CONTENTS = {
         "paths",
         "conventions",
     ],
-    "Use": ["cli", "cluster", "scenes", "models", "pbrt", "report", "play", "your-rule", "extending"],
+    "Use": ["cli", "cluster", "scenes", "models", "pbrt", "report", "play", "doctor", "your-rule", "extending"],
     "Measured": [
         "measurements",
         "mis-bench",

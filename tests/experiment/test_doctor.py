@@ -12,6 +12,7 @@ import dmis
 from dmis.cli.commands import main
 from dmis.experiment.doctor import means
 from dmis.experiment.doctor.causes import FITTED, gather, joint_test
+from dmis.experiment.doctor.cells import compare_directions, firefly_share, savings
 from dmis.experiment.doctor.table import read_table
 
 ROOT = Path(__file__).parents[2]
@@ -181,15 +182,54 @@ def test_bad_rows_are_named(column, value, message):
         dmis.doctor(table)
 
 
-def test_units_and_missing_rows_are_doubted():
-    """A density of another unit has a mass above 1 in all rows; without rows of f = 0, densities are not compared."""
+def test_units_are_doubted():
+    """A density of another unit in all rows has a mass above 1."""
     table = synthetic(4000)
     assert "not per solid angle" in dmis.doctor(table | {"p_l": table["p_l"] * 50}).notes[0]
-    kept = table["f"][:, 0] > 0
-    lit = {k: v[kept] if np.shape(v)[:1] == (8000,) else v for k, v in table.items()}
-    diagnosis = dmis.doctor(lit)
-    assert "no row has f = 0" in diagnosis.notes[0]
-    assert {test.name for test in diagnosis.tests} == {"f", "w = 1", "w = 0"}
+
+
+@pytest.mark.parametrize("of", [0, 1, 2])
+def test_occluded_rows_may_be_left_out(of):
+    """Those of light samples, of BRDF samples, or of both: the rest is compared, and a fault is named all the same."""
+    right = synthetic()
+    for fault in (None, "density"):
+        table = doctor_faults.plant(fault, right) if fault else right
+        kept = (table["f"][:, 0] > 0) | (table["technique"] == 1 - of)
+        lit = {k: v[kept] if np.shape(v)[:1] == kept.shape else v for k, v in table.items()}
+        diagnosis = dmis.doctor(lit)
+        assert diagnosis.healthy == (fault is None) and doctor_faults.named("density", diagnosis.causes) == bool(fault)
+        assert any("f = 0 are left out" in note for note in diagnosis.notes) == (of < 2)
+
+
+def test_directions_that_are_never_drawn_are_told():
+    """A light sampler that leaves out a part of the lamp though its density there is positive."""
+    right = synthetic()
+    assert right_directions(right).missing == () and min(right_directions(right).p) > 1e-3
+    lost = (right["technique"] == 0) & (right["direction"][:, 2] > 0.25) & (right["direction"][:, 2] < 0.5)
+    table = {k: v[~lost] if np.shape(v)[:1] == lost.shape else v for k, v in right.items()}
+    diagnosis = dmis.doctor(table)
+    assert not diagnosis.healthy and len(diagnosis.directions.missing) > 0
+    assert "light sampling never draws directions about z = +0.38" in diagnosis.text()
+
+
+def right_directions(table: dict):
+    return compare_directions(read_table(table))
+
+
+def test_directions_have_right_p_values():
+    """Of 40 right tables, p-values of directions are neither all small nor all large."""
+    p = np.array([right_directions(synthetic(2000, seed)).p for seed in range(40)])
+    assert np.all((p.mean(axis=0) > 0.3) & (p.mean(axis=0) < 0.75)) and p.min() > 1e-4
+
+
+def test_fireflies_and_savings():
+    """One sample of 1,000 has all of the sum of squares; with p_l as good as it can be, most of the rest is saved."""
+    table = synthetic(4000)
+    table["f"][:] = table["p_l"][:, None]
+    rows = read_table(table)
+    assert 0.2 < savings(rows) < 0.6 and savings(read_table(synthetic(4000))) < 0.1
+    table["f"][5] = 1e6
+    assert firefly_share(read_table(table)) > 0.999 and firefly_share(read_table(synthetic(4000))) < 0.02
 
 
 def test_table_of_samples():

@@ -22,7 +22,7 @@ from dmis.base.vectors import Array, Floats
 from dmis.experiment.doctor.means import LEAST_SAMPLES
 from dmis.experiment.doctor.table import LABELS, Table
 
-SCREENED, FITTED, JOINT = 12_000, 150_000, 500_000
+SCREENED, FITTED, JOINT = 12_000, 250_000, 500_000
 """Rows by which all causes are compared, those by which the best are, and those of each half that is tested."""
 LIGHT_ROWS = 6
 """Light samples kept for each BRDF sample: more would not make differences more certain."""
@@ -149,7 +149,7 @@ def joint_test(table: Table, seed: int = 0) -> float:
     values = []
     for half in (0, 1):
         m, covariance = gather(table, JOINT, seed, half).moments(None)
-        values.append(_p_value(len(m), float(m @ _solve(covariance, m))))
+        values.append(p_value(len(m), float(m @ _solve(covariance, m))))
     return max(values)
 
 
@@ -269,7 +269,7 @@ def _mirrored(cause: Cause) -> Iterator[Cause]:
         yield replace(inverse, rows="light")
 
 
-def _p_value(degrees: int, q: float) -> float:
+def p_value(degrees: int, q: float) -> float:
     """Return the probability that chi-square exceeds q."""
     from scipy.special import chdtrc  # imported where used: it takes longer than the rest
 
@@ -305,7 +305,7 @@ def _fit(evidence: Evidence, cause: Cause, log_factor: float) -> Cause:
     misfit, log_factor, curvature = min(tried)
     # Q(log factor) ~ least + curvature (log factor - best)^2
     half = np.sqrt(Q_95 / curvature)
-    p = _p_value(len(m) - 1, misfit)
+    p = p_value(len(m) - 1, misfit)
     factor, low, high = np.exp(np.clip([log_factor, log_factor - half, log_factor + half], -50, 50)).tolist()
     return replace(cause, factor=factor, low=low, high=high, misfit=misfit, p=p)
 

@@ -9,11 +9,14 @@ from typing import Any
 
 from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.doctor.causes import Cause, joint_test, name_causes, smallest_factors
+from dmis.experiment.doctor.cells import FEW, Directions, compare_directions, firefly_share, savings
 from dmis.experiment.doctor.means import Test, smallest_visible, tests, z_limit
 from dmis.experiment.doctor.table import read_table
 
 JOINT_LEVEL = 0.003
 """Level of the joint test in each of both halves of the camera samples."""
+DIRECTION_LEVEL = 0.0005
+"""Level of each of both comparisons of directions."""
 SHOWN = 6
 """Tests of parts of the rows that the text shows, those of the largest z."""
 HINTS = {
@@ -35,6 +38,8 @@ class Diagnosis:
         Tests of means, those first that have all rows; the limit of their ``abs(z)``.
     joint
         Larger p-value of the joint test of two halves, see `dmis.experiment.doctor.causes.joint_test`.
+    directions
+        Comparison in cells of directions; None if the table does not have them.
     causes
         Causes that explain the table, likeliest first; none if nothing is wrong.
     smallest
@@ -48,6 +53,7 @@ class Diagnosis:
     tests: tuple[Test, ...]
     limit: float
     joint: float
+    directions: Directions | None
     causes: tuple[Cause, ...]
     smallest: Mapping[str, float]
     rows: tuple[int, int]
@@ -62,6 +68,8 @@ class Diagnosis:
     @property
     def healthy(self) -> bool:
         """Whether no fault was found."""
+        if self.directions is not None and (self.directions.missing or min(self.directions.p) < DIRECTION_LEVEL):
+            return False
         return not self.alarms and self.joint >= JOINT_LEVEL
 
     def text(self) -> str:
@@ -91,6 +99,10 @@ class Diagnosis:
             yield f"  {test.name:8} {test.where:12} {test.difference:+10.2%} {test.z:+7.1f}  {seen}"
         yield f"  limit of abs(z): {self.limit:.1f} for {sum(t.trusted for t in self.tests)} tests"
         yield f"  joint test in two halves: p = {self.joint:.2g}, limit {JOINT_LEVEL:g}"
+        if self.directions is not None:
+            numbers, ratios = self.directions.p
+            yield f"  directions: numbers p = {numbers:.2g}, ratios p = {ratios:.2g}, limit {DIRECTION_LEVEL:g}"
+            yield from (f"  {sentence}" for sentence in self.directions.missing)
         if self.smallest:
             factors = ", ".join(f"{name} rows {least:.1%}" for name, least in self.smallest.items())
             yield f"smallest constant errors that would be named: {factors}"
@@ -113,13 +125,16 @@ def doctor(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> D
     rows = read_table(table)
     results = sorted(tests(rows), key=lambda test: test.where != "all rows")
     limit = z_limit(max(1, sum(test.trusted for test in results)))
-    joint = 1.0 if rows.f.all() else joint_test(rows)
+    joint = joint_test(rows)
+    directions = compare_directions(rows)
     brdf = int((~rows.is_light).sum())
     counts = len(rows) - brdf, brdf
-    result = Diagnosis(tuple(results), limit, joint, (), {}, counts, rows.notes)
+    notes = [*rows.notes, f"{FEW:.1%} of the camera samples have {firefly_share(rows):.0%} of the sum of squares"]
+    notes.append(f"the best share of each patch would save {max(0, savings(rows)):.0%} of the second moment")
+    result = Diagnosis(tuple(results), limit, joint, directions, (), {}, counts, tuple(notes))
     if not result.healthy:
         return replace(result, causes=tuple(name_causes(rows)))
-    return result if rows.f.all() else replace(result, smallest=smallest_factors(rows))
+    return replace(result, smallest=smallest_factors(rows))
 
 
 def describe(cause: Cause) -> str:

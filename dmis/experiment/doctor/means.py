@@ -96,10 +96,9 @@ def differences(table: Table) -> Iterator[tuple[str, Floats, Floats]]:
     sign = np.where(is_light, 1.0, -1.0)
     share = np.where(is_light, table.a_b, table.a_l)
     share /= total
-    if not table.f.all():
-        yield "numbers", sign * share, share
-        ratio = (table.a_l - table.a_b) / total * share
-        yield "ratios", sign * ratio, np.abs(ratio)
+    yield "numbers", sign * share, share
+    ratio = (table.a_l - table.a_b) / total * share
+    yield "ratios", sign * ratio, np.abs(ratio)
     f = table.f / total  # estimate of the balance heuristic
     yield "f", sign * share * f, share * f
     f *= (table.a_l <= SPAN * table.a_b) & (table.a_b <= SPAN * table.a_l)

@@ -1,8 +1,8 @@
 """The doctor's table of shading samples: its columns, its reader, and what the reader refuses (docs/doctor.md).
 
 A row is a shading sample: the direction that light sampling or BRDF sampling drew for a camera sample. Rows that both
-techniques could have drawn are compared, so each of these must be there, occluded ones with f = 0. Others may be left
-out where f = 0.
+techniques could have drawn are compared, so all of these must be there, occluded ones with f = 0, or all but those with
+f = 0 (`visible_only`), of both techniques. Others may be left out where f = 0.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ LABELS = ("light", "lobe", "depth")
 """Optional columns of whole numbers: which light, which lobe or material, which surface of the path."""
 GEOMETRY = ("position", "direction", "normal", "geometric_normal", "distance", "light_normal")
 """Optional columns: distances ``(R,)``, infinite for skies, others ``(R, 3)``; normals and directions are unit."""
-HEADER = ("version", "light_samples", "brdf_samples", "rows", "shape")
-"""Numbers beside the columns: the first three are required; `rows` and ``(H, W)`` are optional."""
+HEADER = ("version", "light_samples", "brdf_samples", "rows", "shape", "visible_only")
+"""Numbers beside the columns: the first three are required; `rows`, ``(H, W)`` and a flag are optional."""
 MOST_MASS = 3.0
 """Estimated probability, at most 1 but for noise, above which a unit is doubted."""
 
@@ -120,7 +120,11 @@ def _table(source: Mapping[str, Any]) -> Table:
     f = f if f.ndim == 1 else f.mean(axis=1)
     p_l, p_b = columns["p_l"], columns["p_b"]
     _check_values(technique, f, p_l, p_b)
-    rows = np.flatnonzero((technique >= 0) & (p_l > 0) & (p_b > 0))
+    common = (technique >= 0) & (p_l > 0) & (p_b > 0)
+    occluded = np.bincount(technique[common & (f == 0)], minlength=2)
+    visible_only = bool(source["visible_only"]) if "visible_only" in source else not occluded.all()
+    # whether f is positive is a function of the direction, so that rows with f = 0 may be left out of all tests
+    rows = np.flatnonzero(common & (f > 0) if visible_only else common)
     is_light = technique[rows] == 0
     if is_light.all() or not is_light.any():
         raise ValueError(
@@ -138,8 +142,10 @@ def _table(source: Mapping[str, Any]) -> Table:
     f, a_l, a_b = f[rows].astype(np.float32), n_l * p_l[rows].astype(float), n_b * p_b[rows].astype(float)
     shape = (int(source["shape"][0]), int(source["shape"][1])) if "shape" in source else None
     lights = len(np.unique(labels["light"])) if "light" in labels else 1
-    notes = tuple(_doubts(f, (a_l, a_b), sample, is_light, lights))
-    return Table(is_light, f, a_l, a_b, sample, columns["pixel"][rows], labels, source, rows, shape, notes)
+    notes = [*_doubts((a_l, a_b), sample, is_light, lights)]
+    if occluded.any() and visible_only:
+        notes.append("rows with f = 0 are left out, because the table has none of one technique, or says visible_only")
+    return Table(is_light, f, a_l, a_b, sample, columns["pixel"][rows], labels, source, rows, shape, tuple(notes))
 
 
 def _check_lengths(columns: Mapping[str, Array], source: Mapping[str, Any]) -> None:
@@ -184,11 +190,9 @@ def _check_counts(sample: Array, is_light: Array, labels: Mapping[str, Array], n
             )
 
 
-def _doubts(f: Array, a: tuple[Floats, Floats], sample: Array, is_light: Array, lights: int) -> list[str]:
+def _doubts(a: tuple[Floats, Floats], sample: Array, is_light: Array, lights: int) -> list[str]:
     """Return what may be wrong with the table itself, as sentences; `a` are ``n_l p_l`` and ``n_b p_b``."""
     notes = []
-    if f.all():
-        notes.append("no row has f = 0, so densities are not compared; write occluded samples, too, if there are any")
     draws = lights * (int(sample[-1]) + 1)
     for drawn, own, other, names in ((is_light, *a, "p_b / p_l"), (~is_light, *a[::-1], "p_l / p_b")):
         # E[p_b / p_l] of a light sample = probability that a BRDF sample is one that light sampling can draw <= 1
