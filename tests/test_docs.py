@@ -101,6 +101,14 @@ def test_one_batch_agrees_with_render(tmp_path, monkeypatch):
     assert 0.8 < z.std() < 1.15 and np.mean(np.abs(z) > 3) < 0.015
 
 
+def test_plates_of_both_techniques_are_the_image(tmp_path, monkeypatch):
+    """Below the lamps the two plates of tutorial 3 add up to its image, pixel by pixel; the floor is blue."""
+    mis = run("3_mis", tmp_path, monkeypatch)
+    plates, image = (mis.light + mis.brdf)[mis.below], mis.result.image[mis.below]
+    np.testing.assert_allclose(plates, image, rtol=1e-3, atol=1e-5)
+    assert image.mean() > 0.05 and np.nanmedian(mis.part[-3:]) > 0.7
+
+
 def prose(tutorial: Path) -> str:
     """Return the text of a tutorial: its docstring, and its comments at the start of a line."""
     text = tutorial.read_text("utf-8")

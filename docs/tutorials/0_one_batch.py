@@ -12,6 +12,12 @@ After this tutorial you can
 A renderer in NumPy does not follow one ray after the other. It follows a *batch*: all
 rays of an image at once. Each step is a few operations on whole arrays. This tutorial
 puts one batch together from the modules of dmis.
+
+Five words come up here, and tutorials 1 to 3 explain why they matter. An *estimate* is
+a random number whose mean is the integral that we want. A *density* says how often a
+random direction is picked: the probability per solid angle. A *technique* is a way to
+pick directions; it has a density. The *variance* of an estimate is its mean squared
+distance from its mean. The *standard error* is the root of the variance of a mean.
 """
 
 import os
@@ -130,8 +136,10 @@ brdf_sample = light.hit(p, lobe.sample(points, sampler.draw("brdf", hit)))
 # %%
 # The balance heuristic
 # ---------------------
-# Let w be the share of light samples. Here it is 1/2. The balance heuristic treats
-# every sample as if it came from the mixture of both techniques:
+# Let w be the share of light samples. Here it is 1/2. The balance heuristic is
+# a rule to weigh samples of two techniques: it treats every sample as if its direction
+# had been picked by both, each as often as its share says. This is the density
+# :math:`p_w` of the *mixture*:
 #
 # .. math::
 #

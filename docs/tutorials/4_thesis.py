@@ -37,6 +37,28 @@ SIDE, PATCH = (80, 4) if QUICK else (320, 8)
 scene = dmis.load_scene("teapot-area-light", resolution=(SIDE, SIDE))
 
 # %%
+# Two readings of w
+# -----------------
+# The thesis gives each part of the image a weight w, and does not say what w weighs.
+# Two readings are possible. Each dot below is one sample of four camera samples, and
+# its area is how much the sample may count. On the left, w divides the *samples*: at w
+# = 3/4 there are six light samples and two BRDF samples. On the right, w tilts the
+# *heuristic*: there are four of each, whatever w is, and w says which kind counts more.
+# The second reading comes nearer to the thesis's numbers, so this tutorial follows it.
+figure, axes = plt.subplots(1, 2, figsize=(11, 2.2), layout="constrained")
+readings = {
+    "w divides the samples": (np.arange(8) < 6, np.ones(8)),
+    "w tilts the heuristic": (np.arange(8) % 2 == 0, np.tile([1.5, 0.5], 4)),
+}
+for axis, (title, (is_light, area)) in zip(axes, readings.items(), strict=True):
+    place = np.arange(8) + 0.25 * (np.arange(8) // 2)  # two of each camera sample
+    colours = np.where(is_light, "tab:blue", "tab:red")
+    axis.scatter(place, np.zeros(8), s=500 * area, c=colours)
+    axis.set_title(f"{title}: w = 3/4 (blue: light, red: BRDF samples)", fontsize=10)
+    axis.set(xlim=(-0.8, 8.6), ylim=(-1, 1))
+    axis.axis("off")
+
+# %%
 # Step 1, the pilot
 # -----------------
 # A camera sample takes one light and one BRDF sample. The heuristic weighs them, with
@@ -48,8 +70,7 @@ scene = dmis.load_scene("teapot-area-light", resolution=(SIDE, SIDE))
 #
 # The pilot has two camera samples per pixel at each of the weights w = 0, 1/2 and 1.
 # They are BRDF sampling, the balance heuristic and light sampling. The rule ``fixed``
-# renders with one weight for all pixels. (The thesis does not say what w weighs.
-# ``weigh=samples`` would divide the samples by it.)
+# renders with one weight for all pixels. (``weigh=samples`` is the first reading.)
 #
 # Here each of the samples is an image of its own, so that we hold the samples
 # themselves, ``(2, height, width, 3)``. The sampler is the thesis's, independent
