@@ -1,8 +1,7 @@
-"""Make the data of MIS-Bench, confirm its scores by renders, and write its table of results (docs/mis-bench.md).
+"""Make the data of MIS-Bench, validate its scores by renders, and write its table of results (docs/mis-bench.md).
 
 Run: python benchmarks/mis_bench.py                      (makes what is missing of the data, about ten minutes)
-     python benchmarks/mis_bench.py --render RULE ...    (measures rules with low-discrepancy points)
-     python benchmarks/mis_bench.py --validate           (compares predicted and measured errors)
+     python benchmarks/mis_bench.py --validate           (compares predicted and measured errors; of --rules RULE ...)
      python benchmarks/mis_bench.py --page               (scores the baselines, and writes the table of the page)
 """
 
@@ -10,37 +9,26 @@ from __future__ import annotations
 
 import argparse
 import json
-import runpy
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import numpy as np
 
-import dmis
 from dmis.base.atomic_files import replacing
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
 from dmis.cli.bench_rules import rules_of
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.cost import (
-    CAMERA,
-    RAY,
-    SHADING,
-    UNTRACED,
-    camera_sample_cost,
-    count_camera_samples,
-    surface_points,
-)
+from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import (
     GRID,
+    PACKAGED,
     SCENES,
-    SMALL,
     VERSION,
     Pilots,
     Truth,
@@ -50,13 +38,12 @@ from dmis.experiment.bench.data import (
     read_truth,
 )
 from dmis.experiment.bench.decide import decide
-from dmis.experiment.bench.judge import BASELINES, error_time, random_shares, report, score, shares_and_samples
+from dmis.experiment.bench.judge import BASELINES, error_time, random_shares, report, score
+from dmis.experiment.bench.rendered import BOUND, SECONDS, fmt, load, measure
 from dmis.experiment.bench.samples import COLUMNS, samples
 from dmis.experiment.reference import REFERENCE_SEED
 from dmis.fit.fixed import Fixed
-from dmis.fit.given import Given
 from dmis.fit.round import Round, pilot_settings
-from dmis.formats.load_scene import load_scene
 from dmis.pipeline.job import resolve
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.feature_buffers import render_feature_buffers
@@ -69,24 +56,11 @@ PILOTS = ((0.0, 2, 2), (0.5, 6, 4), (1.0, 2, 2))
 """Each pilot's w, camera samples per pixel, and shading samples of a camera sample."""
 SPP = 2048
 """Camera samples per pixel of the curves of shares; as many for tilts and for the power heuristic."""
-BOUND = 0.01
-"""Bound of the denominator of relative errors, as that of `dmis.experiment.metrics.relmse`."""
 DIGITS = 10
 """Binary digits of 23 that floating-point columns of pilot tables keep: a relative error of 0.05 %."""
 
 
 # Scenes and pilots --------------------------------------------------------------------------------------------------
-
-
-def load(name: str) -> tuple[Scene, Settings]:
-    """Return a scene of the benchmark and its settings: independent points, no compensation of skies."""
-    resolution = {SMALL: (24, 18), "ten-lights": (60, 45), "veach-mis": (72, 54)}.get(name, (100, 75))
-    settings = Settings(sampler="independent", compensation=0)
-    if name == "many-lights":
-        make = runpy.run_path(str(ROOT / "scenes" / "make_many_lights.py"))["many_lights"]
-        return make(resolution=resolution), settings
-    file = {SMALL: "teapot-area-light", "cornell-path": "cornell"}.get(name, name)
-    return load_scene(file, resolution), replace(settings, integrator="path" if "path" in name else "auto")
 
 
 def draw_pilots(scene: Scene, settings: Settings, seed: int) -> Pilots:
@@ -195,55 +169,20 @@ def make_data(scenes: Sequence[str], seeds: Sequence[int]) -> None:
 
 # Renders ------------------------------------------------------------------------------------------------------------
 
-SE, SECONDS, FIRST_SEED = 0.025, 12.0, 10_000
-"""Relative standard error at which a measurement ends, CPU seconds at which it ends anyway, and its first seed, which
-neither pilots nor curves have used."""
 REQUIRED = ("fixed:0.25", "balance", "fixed:0.75", "random", "thesis")
 """Rules whose predictions are validated; those of `OTHERS` with less precision, for the order of all ten."""
 OTHERS = ("thesis:weigh=samples", "second-moment", "auto", "pbrt", "fixed:1")
 
 
-def measure(scene: Scene, settings: Settings, final: Round, seconds: float, spp: int = 32) -> tuple[Array, Array]:
-    """Return error times counted cost of renders of a map, absolute and relative, and its relative standard error.
-
-    Errors are variances over seeds, of the mean of the channels, so that no reference is needed: at least 8 seeds, and
-    more until both standard errors are at most `SE`, or as many as take these CPU seconds.
-    """
-    shares, n = shares_and_samples(final)
-    shape = scene.camera.resolution[::-1]
-    weigh = "samples" if final.tilt is None else "heuristic"
-    rule = Given(np.broadcast_to(shares, shape), n if isinstance(n, np.ndarray) else None, weigh)
-    settings, costs = replace(settings, combiner=final.settings.combiner), []
-    images: list[Array] = []
-    begin, values, error = process_time(), np.zeros(2), np.ones(2)
-    while len(images) < 8 or ((error > SE).any() and process_time() - begin < seconds):
-        result = dmis.render(scene, rule, spp, seed=FIRST_SEED + len(images), parallel=1, settings=settings)
-        images.append(result.image.mean(axis=2))
-        untraced = round(float(result.samples.sum())) - result.rays["camera"]
-        rays, s = {**result.rays, UNTRACED: untraced}, settings.shading_samples
-        per_camera_sample = {
-            kind: rays.get(kind, 0) / count_camera_samples(rays) for kind in ("shadow", "brdf", "delta")
-        }
-        cost = surface_points(rays) * (CAMERA + SHADING * s) + RAY * sum(per_camera_sample.values())
-        costs.append(spp * (cost + SHADING * per_camera_sample["delta"]))
-        if len(images) % 8 == 0:
-            grey = np.stack(images)
-            mean = grey.mean(axis=0)
-            squares = np.square(grey - mean) * (len(grey) / (len(grey) - 1))
-            by_seed = np.stack([(squares * weight).mean(axis=(1, 2)) for weight in (1, 1 / (mean**2 + BOUND))])
-            values = by_seed.mean(axis=1) * np.mean(costs)
-            error = by_seed.std(axis=1) / np.sqrt(len(images)) / by_seed.mean(axis=1)
-    return values, error
-
-
-def validate(scenes: Sequence[str]) -> None:
-    """Print predicted over measured error times cost of ten maps, and the rank correlation of their order."""
+def validate(scenes: Sequence[str], rules: Sequence[str] = (*REQUIRED, *OTHERS)) -> None:
+    """Print predicted over measured error times cost of maps, and the rank correlation of their order."""
     pairs, agreeing = np.zeros((2, 2))
+    named = [item for rule in rules for item in rules_of(rule).items()]
     for name in scenes:
         truth, pilots = read_truth(path_of(name)), read_pilots(path_of(name, 0))
         rows = []
-        for text in (*REQUIRED, *OTHERS):
-            final = decide(random_shares if text == "random" else text, pilots)
+        for text, rule in named:
+            final = decide(random_shares if text == "random" else rule, pilots)
             # at few samples, whole numbers of samples cost error where shares are near 0 or 1
             spp = 256 if text == "random" else 32
             value, error = measure(*load(name), final, SECONDS if text in REQUIRED else SECONDS / 2, spp)
@@ -263,26 +202,6 @@ def validate(scenes: Sequence[str]) -> None:
     print(f"all scenes: pairs {pairs}, Kendall's tau {fmt((2 * agreeing - pairs) / pairs)}")
 
 
-def confirm(rules: Sequence[str], scenes: Sequence[str]) -> None:
-    """Print error times cost over that of balance, of maps rendered with Sobol points."""
-    for name in scenes:
-        scene, settings = load(name)
-        settings, pilots = replace(settings, sampler="sobol"), read_pilots(path_of(name, 0))
-        balance, error_of_balance = measure(scene, settings, decide("balance", pilots), SECONDS)
-        for text, rule in [item for given in rules for item in rules_of(given).items()]:
-            value, error = measure(scene, settings, decide(rule, pilots), SECONDS)
-            error = np.hypot(error, error_of_balance)
-            print(
-                f"{name:18} {text:21} over balance {fmt(value / balance)}  s.e. {fmt(error * value / balance)}",
-                flush=True,
-            )
-
-
-def fmt(values: Array) -> str:
-    """Return the text of an absolute and a relative value."""
-    return " ".join(f"{value:#.4g}" for value in values)
-
-
 def write_page(scenes: Sequence[str]) -> None:
     """Score the baselines and replace the table of the page."""
     sys.path.insert(0, str(ROOT / "examples"))
@@ -300,16 +219,17 @@ if __name__ == "__main__":
     parser.add_argument("--scenes", default=",".join(SCENES), help="scenes separated by commas (default: all eight)")
     parser.add_argument("--seeds", type=int, default=4, help="number of seeds of the pilots (default 4)")
     parser.add_argument("--validate", action="store_true", help="compare predicted and measured errors")
-    parser.add_argument("--render", nargs="+", default=[], metavar="RULE", help="measure rules with Sobol points")
+    parser.add_argument(
+        "--rules", nargs="+", default=(*REQUIRED, *OTHERS), metavar="RULE", help="rules or Python files to validate"
+    )
     parser.add_argument("--page", action="store_true", help="write the table of docs/mis-bench.md")
     options = parser.parse_args()
     names = options.scenes.split(",")
-    if unknown := set(names) - {*SCENES, SMALL}:
+    if unknown := set(names) - {*SCENES, *PACKAGED}:
         parser.error(f"--scenes: there is no {', '.join(sorted(unknown))}; choose from {', '.join(SCENES)}")
-    make_data(names, range(options.seeds))
+    make_data([name for name in names if name in SCENES], range(options.seeds))
+    make_data([name for name in names if name in PACKAGED], [0])
     if options.validate:
-        validate(names)
-    if options.render:
-        confirm(options.render, names)
+        validate(names, options.rules)
     if options.page:
         write_page(names)

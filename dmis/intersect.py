@@ -15,12 +15,19 @@ from typing import Protocol
 
 import numpy as np
 
+from dmis.base.atomic_files import check_package
 from dmis.base.malloc import keep
 from dmis.base.vectors import Array, Index, Selection, take
 
 CHECK_RAYS = sys.flags.dev_mode
 """Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests. One NaN makes
 Embree walk its whole tree, about 1 ms per ray, which looks like a hang."""
+
+NO_EMBREE = (
+    "pip install embreex. Where it has no wheel, as on Linux and Windows on ARM, build it from source; dmis.score "
+    "needs no rays"
+)
+"""What to do where embreex is missing."""
 
 
 @dataclass(eq=False)
@@ -70,6 +77,7 @@ class Intersector:
     """
 
     def __init__(self, vertices: Array, faces: np.ndarray) -> None:
+        check_package("embreex", "a render, which traces rays,", NO_EMBREE)
         from embreex import rtcore_scene  # imported where used: rules are scored without Embree
         from embreex.mesh_construction import TriangleMesh
 

@@ -228,7 +228,11 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
     }),
     "bench-rules": ("score weight rules on MIS-Bench, without rendering", {
         "rules": _option("Python files of rules, or rules (default: the table of results)", nargs="*", metavar="RULE"),
-        "--scenes": _option("scenes separated by commas, or small (default: all eight)", str, ",".join(BENCH_SCENES)),
+        "--scenes": _option(
+            "scenes or data files separated by commas, such as small,kitchen.npz (default: all eight)", str,
+            ",".join(BENCH_SCENES),
+        ),
+        "--render": _flag("also render what the rules learned with Sobol points, and print it over balance"),
         "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(100), 4, metavar="K"),
         "--format": _option("of the tables (default %(default)s)", str, "text", choices=STYLES),
     }),

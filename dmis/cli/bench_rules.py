@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from dmis.base.plugins import load_plugin, raised
-from dmis.base.validate import one_of
 from dmis.cli.shared import say
-from dmis.experiment.bench.data import SCENES, SMALL, path_of, read_truth
-from dmis.experiment.bench.judge import BASELINES, report, score
+from dmis.experiment.bench.data import path_of, read_truth
+from dmis.experiment.bench.judge import BASELINES, ORACLES, report, score
 from dmis.fit.registry import RULES
 
 
@@ -19,9 +18,14 @@ def bench_rules(options: argparse.Namespace) -> int:
     """Run ``bench-rules`` and return its exit code."""
     scenes, seeds, scores = options.scenes.split(","), range(options.seeds), {}
     for scene in scenes:  # before the rules, whose errors name their file
-        read_truth(path_of(one_of("scene", scene, (*SCENES, SMALL))))
+        read_truth(path_of(scene))
+        if options.render:
+            from dmis.experiment.bench.rendered import confirm, load  # imported where used: scores need no renderer
+
+            load(scene)
     rules = [(text, *item) for text in options.rules for item in rules_of(text).items()]
-    for text, name, rule in rules or [("", *item) for item in BASELINES.items()]:
+    rules = rules or [("", *item) for item in BASELINES.items()]
+    for text, name, rule in rules:
         try:
             scores[name] = score(rule, scenes, seeds)
         except Exception as error:
@@ -29,6 +33,10 @@ def bench_rules(options: argparse.Namespace) -> int:
                 raise
             raise ValueError(f"{text}: {raised(error)}") from error
     say(report(scores, options.format))
+    if options.render:
+        learned = [(name, rule) for _, name, rule in rules if not (isinstance(rule, str) and rule in ORACLES)]
+        for line in confirm(learned, scenes):
+            say(line)
     return 0
 
 

@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 from dmis import __version__
@@ -165,7 +166,8 @@ def _info(options: argparse.Namespace) -> int:
     if options.scenes or options.rules:
         return 0
     machine = f"{platform.system()} {platform.machine()}"
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "trimesh", "embreex", "OpenEXR"))
+    names = ("numpy", "scipy", "trimesh", "embreex", "OpenEXR")
+    packages = ", ".join(f"{name} {version(name) if find_spec(name) else 'missing'}" for name in names)
     say(f"dmis {__version__}, Python {platform.python_version()}, {machine}\n{packages}")
     if options.scene:
         begin = time.perf_counter()

@@ -1,6 +1,7 @@
 """MIS-Bench: tables agree with renders, films made of them with the films of pilots, scores with planted curves."""
 
 import json
+import re
 import sys
 import zipfile
 from collections.abc import Generator, Mapping
@@ -15,7 +16,7 @@ from dmis.base.patches import PATCH, patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.cli.commands import main
 from dmis.estimator.cost import surface_points
-from dmis.experiment.bench.data import GRID, SMALL, Pilots, Truth, path_of, read_pilots, read_truth
+from dmis.experiment.bench.data import GRID, HALF, PACKAGED, SMALL, Pilots, Truth, path_of, read_pilots, read_truth
 from dmis.experiment.bench.decide import SETTINGS, SPP, _part, decide
 from dmis.experiment.bench.judge import (
     BASELINES,
@@ -260,6 +261,70 @@ def test_scores_without_embree(tmp_path: Path) -> None:
     )
     loaded, name, relative = fresh_python(code).split()
     assert loaded == "False" and name == "rule" and 0.8 < float(relative) < 1
+
+
+BLOCKED = "import sys; sys.modules.update(dict.fromkeys(('embreex', 'trimesh', 'OpenEXR')))\n"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "bench-files.md"
+WRITER, SCORES = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)
+
+
+def test_scores_without_embree_trimesh_and_openexr(tmp_path: Path) -> None:
+    """A stranger's file is written and scored, and so are scenes that come with dmis; rays have a clear error."""
+    code = f"""{BLOCKED}
+import os; os.chdir({str(tmp_path)!r})
+{WRITER}{SCORES}
+print(*dmis.score("thesis", {PACKAGED}).values)
+try:
+    dmis.intersect.Intersector(np.eye(3), np.array([[0, 1, 2]]))
+except ValueError as error:
+    print(error)
+"""
+    *_, scenes, error = fresh_python(code).splitlines()
+    assert scenes.split() == list(PACKAGED)
+    assert error.startswith("a render, which traces rays, needs embreex, which cannot be imported")
+    assert "pip install embreex" in error and error.endswith("dmis.score needs no rays")
+
+
+def test_the_writer_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its pilots have the mean and, per shading sample, the variance of its converged curves; scores take the path."""
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    exec(WRITER, names)
+    for w, table in read_pilots(tmp_path / "toy-0.npz").tables.items():
+        radiance = table.radiance()[..., 0]
+        truth = read_truth(tmp_path / "toy.npz")
+        k = {0.0: 0, 0.5: HALF, 1.0: -1}[w]
+        if w == 0.5:
+            measured = radiance.var(axis=0, ddof=1).mean()
+            assert measured == pytest.approx(truth.variance[0, 0, k].mean() / 2, rel=0.25)
+        mean = names["f"](names["x"], np.arange(96)[:, None]).mean()
+        error = np.sqrt(truth.variance[0, 0, k].mean() / radiance.size)
+        assert abs(radiance.mean() - mean) < Z_LIMIT * error
+    path = tmp_path / "toy.npz"
+    np.testing.assert_array_equal(dmis.score("balance", [path]).values[str(path)][:, :2], [[1, 1]])
+    (tmp_path / "toy-0.npz").rename(tmp_path / "toy-2.npz")
+    assert len(dmis.score("balance", ["toy.npz"]).values["toy.npz"]) == 1
+    with pytest.raises(ValueError, match=r"toy\.npz must have pilots of at least one seed, such as toy-0\.npz"):
+        dmis.score("balance", ["toy.npz"], seeds=[0, 1])
+    with pytest.raises(ValueError, match=r"there is no kitchen\.npz"):
+        dmis.score("balance", ["kitchen.npz"])
+    assert main(["bench-rules", "balance", "--scenes", "toy.npz", "--render"]) == 2
+
+
+def test_scenes_that_come_with_dmis() -> None:
+    for scene in PACKAGED:
+        assert sum(path_of(scene, seed).stat().st_size for seed in (None, 0)) < 1_000_000
+        scene_, settings = load(scene)
+        assert read_truth(path_of(scene)).shape == scene_.camera.resolution[::-1] and settings.compensation == 0
+
+
+def test_rendered_track(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light samples alone cost the teapot more than balance, by scores and by renders; oracles are not rendered."""
+    monkeypatch.setattr("dmis.experiment.bench.rendered.SECONDS", 0.0)
+    assert main(["bench-rules", "fixed:0.03", "oracle", "--scenes", SMALL, "--render"]) == 0
+    *_, line = capsys.readouterr().out.splitlines()
+    scene, rule, *_, absolute, relative, _, error, _ = line.split()
+    assert (scene, rule) == (SMALL, "fixed:0.03") and float(absolute) > 1.5 and 0 < float(error) < float(absolute)
 
 
 def test_files_keep_what_was_written(tmp_path: Path, planted: Truth) -> None:

@@ -1,4 +1,4 @@
-"""Files of MIS-Bench (docs/mis-bench.md): pilots of a scene and seed, and converged curves of a scene.
+"""Files of MIS-Bench (docs/bench-files.md): pilots of a scene and seed, and converged curves of a scene.
 
 Each is an ``.npz`` of plain arrays and a JSON text, ``header``, with a checksum; benchmarks/mis_bench.py makes them.
 """
@@ -6,7 +6,7 @@ Each is an ``.npz`` of plain arrays and a JSON text, ``header``, with a checksum
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ SCENES: tuple[str, ...] = (
 """Scenes of the benchmark."""
 SMALL = "small"
 """A scene beside them that comes with dmis, to try a rule out: the teapot in 24x18 pixels, seed 0."""
+PACKAGED = (SMALL, "small-killeroo-gold", "small-tt", "small-cornell-path")
+"""Scenes that come with dmis: `SMALL`, and three of `SCENES` in 48x36 pixels, seed 0."""
 GRID = np.array([0.002, 0.01, 0.03, 0.08, 0.16, 0.27, 0.38], np.float32)
 GRID = np.concatenate([GRID, [0.5], 1 - GRID[::-1]]).astype(np.float32)
 """Shares w, and tilts, of the converged curves, ``(G,)``; shares beyond them count as the nearest. One technique alone
@@ -67,9 +69,33 @@ class Pilots:
 
 
 def path_of(scene: str, seed: int | None = None) -> Path:
-    """Return the file of a scene's truth, or of its pilots with a seed."""
-    folder = Path(__file__).parent if scene == SMALL else cache_folder() / f"mis-bench-{VERSION}"
-    return folder / f"{scene}{'' if seed is None else f'-{seed}'}.npz"
+    """Return the file of a scene's truth, or of its pilots with a seed.
+
+    A scene is a name of `SCENES` or `PACKAGED`, or the path ``NAME.npz`` of the truth of another one, whose pilots are
+    in ``NAME-SEED.npz`` beside it. A ValueError for others.
+    """
+    ending = "" if seed is None else f"-{seed}"
+    if scene.endswith(".npz"):
+        path = Path(scene)
+        return path.with_name(f"{path.stem}{ending}.npz")
+    if scene not in (*SCENES, *PACKAGED):
+        raise ValueError(
+            f"scene must be one of {', '.join((*SCENES, *PACKAGED))}, or the path of a file NAME.npz "
+            f"(docs/bench-files.md); got {scene!r}"
+        )
+    folder = Path(__file__).parent if scene in PACKAGED else cache_folder() / f"mis-bench-{VERSION}"
+    return folder / f"{scene}{ending}.npz"
+
+
+def seeds_of(scene: str, seeds: Iterable[int]) -> list[int]:
+    """Return the seeds of a scene's pilots: of the benchmark's scenes all of `seeds`, of others those that exist."""
+    known = [seed for seed in seeds if scene in SCENES or path_of(scene, seed).exists()]
+    if not known:
+        raise ValueError(
+            f"scene {scene} must have pilots of at least one seed, such as {path_of(scene, 0)}; there are none of the "
+            f"seeds asked for"
+        )
+    return known
 
 
 def read_pilots(path: Path) -> Pilots:

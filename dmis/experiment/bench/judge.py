@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ import numpy as np
 from dmis.base.patches import PATCH, patch_mean, patch_spread
 from dmis.base.validate import one_of
 from dmis.base.vectors import TINY, Array
-from dmis.experiment.bench.data import GRID, HALF, SCENES, SMALL, Truth, path_of, read_pilots, read_truth
+from dmis.experiment.bench.data import GRID, HALF, SCENES, Truth, path_of, read_pilots, read_truth, seeds_of
 from dmis.experiment.bench.decide import SETTINGS, SPP, AnyRule, decide
 from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.metrics import mean_and_error
@@ -57,7 +58,7 @@ class Score:
         return np.concatenate([np.exp(np.log(every[..., :2]).mean(axis=0)), every[..., 2:].mean(axis=0)], axis=1)
 
 
-def score(rule: AnyRule, scenes: Iterable[str] = SCENES, seeds: Iterable[int] = range(4)) -> Score:
+def score(rule: AnyRule, scenes: Iterable[str | os.PathLike[str]] = SCENES, seeds: Iterable[int] = range(4)) -> Score:
     """Return the score of a rule on scenes of MIS-Bench (docs/mis-bench.md); nothing is rendered.
 
     Parameters
@@ -67,14 +68,16 @@ def score(rule: AnyRule, scenes: Iterable[str] = SCENES, seeds: Iterable[int] = 
         `dmis.experiment.bench.samples.SampleTable`, that returns shares of light samples ``(H, W)``, or a pair of these
         and numbers of camera samples in proportion ``(H, W)``.
     scenes
-        Names of `dmis.experiment.bench.data.SCENES`; or ``small``, which comes with dmis.
+        Names of `dmis.experiment.bench.data.SCENES`, or of `dmis.experiment.bench.data.PACKAGED`, such as ``small``,
+        which come with dmis; or paths of data files of one's own, see docs/bench-files.md.
     seeds
-        Seeds of the pilots; ``small`` has seed 0 alone.
+        Seeds of the pilots; of scenes that come with dmis, and of one's own, those that there are.
     """
+    seeds = list(seeds)
     name, values = rule if isinstance(rule, str) else getattr(rule, "__name__", rule_text(rule)), {}
-    for scene in scenes:
-        truth = read_truth(path_of(one_of("scene", scene, (*SCENES, SMALL))))
-        values[scene] = np.array([_columns(rule, scene, seed, truth) for seed in (seeds if scene != SMALL else (0,))])
+    for scene in [os.fspath(scene) for scene in scenes]:
+        truth = read_truth(path_of(scene))
+        values[scene] = np.array([_columns(rule, scene, seed, truth) for seed in seeds_of(scene, seeds)])
     return Score(name, values)
 
 

@@ -1,0 +1,107 @@
+"""The second track of MIS-Bench: what a rule learned from pilot tables, rendered with low-discrepancy points."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from time import process_time
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.cost import CAMERA, RAY, SHADING, UNTRACED, count_camera_samples, surface_points
+from dmis.estimator.settings import Settings
+from dmis.experiment.bench.data import PACKAGED, SCENES, SMALL, path_of, read_pilots
+from dmis.experiment.bench.decide import AnyRule, decide
+from dmis.experiment.bench.judge import shares_and_samples
+from dmis.fit.given import Given
+from dmis.fit.round import Round
+from dmis.formats.load_scene import SCENE_FOLDER, load_scene
+from dmis.pipeline.render import render
+from dmis.scene.scene import Scene
+
+SE, SECONDS, FIRST_SEED = 0.025, 12.0, 10_000
+"""Relative standard error at which a measurement ends, CPU seconds at which it ends anyway, and its first seed, which
+neither pilots nor curves have used."""
+BOUND = 0.01
+"""Bound of the denominator of relative errors, as that of `dmis.experiment.metrics.relmse`."""
+
+
+def load(name: str) -> tuple[Scene, Settings]:
+    """Return a scene of the benchmark and its settings: independent points, no compensation of skies.
+
+    A ValueError if it is not one of `SCENES` and `PACKAGED`: of other data, the scene is not known.
+    """
+    if name not in (*SCENES, *PACKAGED):
+        raise ValueError(
+            f"only scenes that come with dmis can be rendered, {', '.join((*SCENES, *PACKAGED))}; got {name!r}"
+        )
+    settings = Settings(sampler="independent", compensation=0)
+    small = name in PACKAGED
+    full_name = "teapot-area-light" if name == SMALL else name.removeprefix("small-")
+    sizes = {"ten-lights": (60, 45), "veach-mis": (72, 54)}
+    resolution = (24, 18) if name == SMALL else (48, 36) if small else sizes.get(name, (100, 75))
+    if name == "many-lights":
+        make = runpy.run_path(str(SCENE_FOLDER / "make_many_lights.py"))["many_lights"]
+        return make(resolution=resolution), settings
+    file = "cornell" if full_name == "cornell-path" else full_name
+    return load_scene(file, resolution), replace(settings, integrator="path" if "path" in name else "auto")
+
+
+def measure(scene: Scene, settings: Settings, final: Round, seconds: float, spp: int = 32) -> tuple[Array, Array]:
+    """Return error times counted cost of renders of a map, absolute and relative, and its relative standard error.
+
+    Errors are variances over seeds, of the mean of the channels, so that no reference is needed: at least 8 seeds, and
+    more until both standard errors are at most `SE`, or as many as take these CPU seconds.
+    """
+    shares, n = shares_and_samples(final)
+    shape = scene.camera.resolution[::-1]
+    weigh = "samples" if final.tilt is None else "heuristic"
+    rule = Given(np.broadcast_to(shares, shape), n if isinstance(n, np.ndarray) else None, weigh)
+    settings, costs = replace(settings, combiner=final.settings.combiner), []
+    images: list[Array] = []
+    begin, values, error = process_time(), np.zeros(2), np.ones(2)
+    while len(images) < 8 or ((error > SE).any() and process_time() - begin < seconds):
+        result = render(scene, rule, spp, seed=FIRST_SEED + len(images), parallel=1, settings=settings)
+        images.append(result.image.mean(axis=2))
+        untraced = round(float(result.samples.sum())) - result.rays["camera"]
+        rays, s = {**result.rays, UNTRACED: untraced}, settings.shading_samples
+        per_camera_sample = {
+            kind: rays.get(kind, 0) / count_camera_samples(rays) for kind in ("shadow", "brdf", "delta")
+        }
+        cost = surface_points(rays) * (CAMERA + SHADING * s) + RAY * sum(per_camera_sample.values())
+        costs.append(spp * (cost + SHADING * per_camera_sample["delta"]))
+        if len(images) % 8 == 0:
+            grey = np.stack(images)
+            mean = grey.mean(axis=0)
+            squares = np.square(grey - mean) * (len(grey) / (len(grey) - 1))
+            by_seed = np.stack([(squares * weight).mean(axis=(1, 2)) for weight in (1, 1 / (mean**2 + BOUND))])
+            values = by_seed.mean(axis=1) * np.mean(costs)
+            error = by_seed.std(axis=1) / np.sqrt(len(images)) / by_seed.mean(axis=1)
+    return values, error
+
+
+def confirm(
+    rules: Iterable[tuple[str, AnyRule]], scenes: Iterable[str], seconds: float | None = None, sampler: str = "sobol"
+) -> Iterator[str]:
+    """Yield, for each scene and named rule, a line with error times cost over that of balance, and standard errors.
+
+    Rules learn from the pilots of seed 0, and their maps are rendered with points of `sampler`, in some CPU `seconds`
+    each; None: `SECONDS`.
+    """
+    rules = list(rules)
+    seconds = SECONDS if seconds is None else seconds
+    for name in scenes:
+        scene, settings = load(name)
+        settings, pilots = replace(settings, sampler=sampler), read_pilots(path_of(name, 0))
+        balance, error_of_balance = measure(scene, settings, decide("balance", pilots), seconds)
+        for text, rule in rules:
+            value, error = measure(scene, settings, decide(rule, pilots), seconds)
+            ratio, error = value / balance, np.hypot(error, error_of_balance)
+            yield f"{name:20} {text:21} over balance {fmt(ratio)}  s.e. {fmt(error * ratio)}"
+
+
+def fmt(values: Array) -> str:
+    """Return the text of an absolute and a relative value."""
+    return " ".join(f"{value:#.4g}" for value in values)
