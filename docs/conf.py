@@ -97,6 +97,8 @@ CONTENTS = {
     "Measured": [
         "measurements",
         "mis-bench",
+        "bench-files",
+        "literature",
         "reproduction",
         "tables",
         "performance",

@@ -18,9 +18,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 29_550, "tests": 29_500}
+LINES = {"dmis": 29_720, "tests": 29_720}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
-WORDS = 45_550
+WORDS = 47_200
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
