@@ -132,6 +132,16 @@ def test_order_of_rows_means_nothing():
         assert one.where == other.where and one.z == pytest.approx(other.z, abs=1e-6)
 
 
+def test_thinned_tables_keep_whole_camera_samples():
+    """Every third camera sample, with all of its rows and labels; directions are those of these rows."""
+    rows = read_table(synthetic(4000))
+    some = rows.thinned(len(rows) // 3 + 1)
+    kept = rows.sample % 3 == 0
+    assert np.array_equal(some.f, rows.f[kept]) and np.array_equal(some.labels["light"], rows.labels["light"][kept])
+    assert np.array_equal(some.geometry("direction"), rows.geometry("direction")[kept])
+    assert len(rows.thinned(len(rows))) == len(rows)
+
+
 def test_light_samples_are_thinned_with_their_weight():
     """Few BRDF samples: some light samples stand for all, and a right table stays right."""
     table = synthetic(4000)

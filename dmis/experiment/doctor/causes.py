@@ -22,7 +22,7 @@ from dmis.base.vectors import Array, Floats
 from dmis.experiment.doctor.means import LEAST_SAMPLES
 from dmis.experiment.doctor.table import LABELS, Table
 
-SCREENED, FITTED, JOINT = 12_000, 250_000, 500_000
+SCREENED, FITTED, JOINT = 12_000, 200_000, 400_000
 """Rows by which all causes are compared, those by which the best are, and those of each half that is tested."""
 LIGHT_ROWS = 6
 """Light samples kept for each BRDF sample: more would not make differences more certain."""

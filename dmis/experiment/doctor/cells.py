@@ -82,7 +82,8 @@ def _sums(cell: Array, values: Floats) -> Floats:
 
 def firefly_share(table: Table) -> float:
     """Return the part of the sum of squared estimates that the largest `FEW` of the camera samples have."""
-    estimates = np.bincount(table.sample, table.f / (table.a_l + table.a_b)) ** 2
+    starts = np.flatnonzero(np.diff(table.sample, prepend=-1))
+    estimates = np.add.reduceat(table.f / (table.a_l + table.a_b), starts) ** 2
     few = max(1, round(FEW * len(estimates)))
     return float(np.partition(estimates, -few)[-few:].sum() / max(estimates.sum(), 1e-30))
 
@@ -99,7 +100,7 @@ def savings(table: Table) -> float:
         patch = row // PATCH * (table.shape[1] // PATCH + 1) + column // PATCH
     patches = int(patch.max()) + 1
     square = table.f.astype(float) ** 2 / (table.a_l + table.a_b)
-    halves = patch + patches * (table.sample % 2)
+    halves = patch + patches * (np.unique(table.sample, return_inverse=True)[1] % 2)
     moments = [
         np.bincount(halves, square / (t * table.a_l + (1 - t) * table.a_b), 2 * patches).reshape(2, patches)
         for t in TILTS

@@ -17,6 +17,8 @@ JOINT_LEVEL = 0.003
 """Level of the joint test in each of both halves of the camera samples."""
 DIRECTION_LEVEL = 0.0005
 """Level of each of both comparisons of directions."""
+CELL_ROWS = 2_000_000
+"""Rows that are compared in cells of directions, and that fireflies and savings are of."""
 SHOWN = 6
 """Tests of parts of the rows that the text shows, those of the largest z."""
 HINTS = {
@@ -126,11 +128,12 @@ def doctor(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> D
     results = sorted(tests(rows), key=lambda test: test.where != "all rows")
     limit = z_limit(max(1, sum(test.trusted for test in results)))
     joint = joint_test(rows)
-    directions = compare_directions(rows)
+    some = rows.thinned(CELL_ROWS)
+    directions = compare_directions(some)
     brdf = int((~rows.is_light).sum())
     counts = len(rows) - brdf, brdf
-    notes = [*rows.notes, f"{FEW:.1%} of the camera samples have {firefly_share(rows):.0%} of the sum of squares"]
-    notes.append(f"the best share of each patch would save {max(0, savings(rows)):.0%} of the second moment")
+    notes = [*rows.notes, f"{FEW:.1%} of the camera samples have {firefly_share(some):.0%} of the sum of squares"]
+    notes.append(f"the best share of each patch would save {max(0, savings(some)):.0%} of the second moment")
     result = Diagnosis(tuple(results), limit, joint, directions, (), {}, counts, tuple(notes))
     if not result.healthy:
         return replace(result, causes=tuple(name_causes(rows)))

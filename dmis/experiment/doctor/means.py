@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,43 +111,60 @@ def differences(table: Table) -> Iterator[tuple[str, Floats, Floats]]:
 
 def tests(table: Table) -> list[Test]:
     """Return the tests of all rows, of lights, lobes and depths, and of blocks of pixels."""
-    groups = [("all rows", np.arange(len(table))), *_groups(table), *_blocks(table)]
+    groups = [Group("all rows", slice(None), *_sides(table, slice(None))), *_groups(table), *_blocks(table)]
     result = []
     for name, signed, sizes in differences(table):
-        for where, rows in groups:
-            result.append(_test(name, where, table, rows, signed[rows], sizes[rows]))
+        result += [_test(name, group, signed[group.rows], sizes[group.rows]) for group in groups]
     return result
 
 
-def _test(name: str, where: str, table: Table, rows: Array, signed: Floats, sizes: Floats) -> Test:
-    """Return the test of some rows."""
-    starts = np.flatnonzero(np.diff(table.sample[rows], prepend=-1))
-    d = np.add.reduceat(signed, starts)
+class Group(NamedTuple):
+    """Rows that are tested apart: name, rows, first rows of camera samples, and 1 for light samples."""
+
+    where: str
+    rows: Array | slice
+    starts: Array
+    is_light: Floats
+
+
+def _sides(table: Table, rows: Array | slice) -> tuple[Array, Floats]:
+    """Return the first rows of camera samples, and 1 for light samples, of some rows."""
+    return np.flatnonzero(np.diff(table.sample[rows], prepend=-1)), table.is_light[rows].astype(float)
+
+
+def _test(name: str, group: Group, signed: Floats, sizes: Floats) -> Test:
+    """Return the test of a group's rows."""
+    d = np.add.reduceat(signed, group.starts)
     squares = float(d @ d) + TINIEST
     total = float(d.sum())
     size = float(sizes.sum()) / 2 + TINIEST
     error = np.sqrt(max(squares - total**2 / len(d), TINIEST)) / size
-    of_sides = [sizes[side] for side in (table.is_light[rows], ~table.is_light[rows])]
-    effective = min(float(side.sum()) ** 2 / (float(side @ side) + TINIEST) for side in of_sides)
+    # (sum x)^2 / sum x^2 of light samples, and of the rest
+    square = sizes * sizes
+    light, light_square = float(sizes @ group.is_light), float(square @ group.is_light)
+    rest, rest_square = 2 * size - light, float(square.sum()) - light_square
+    effective = min(light**2 / (light_square + TINIEST), rest**2 / max(rest_square, TINIEST))
     skewness = float((d * d) @ d) / squares**1.5
-    return Test(name, where, total / size, float(error), len(rows), effective, skewness)
+    return Test(name, group.where, total / size, float(error), len(sizes), effective, skewness)
 
 
-def _groups(table: Table) -> Iterator[tuple[str, Array]]:
-    """Yield rows of one light, lobe or depth, with the name of the group."""
+def _groups(table: Table) -> Iterator[Group]:
+    """Yield the rows of each light, lobe or depth."""
     for label in LABELS:
         if label in table.labels:
             values, counts = np.unique(table.labels[label], return_counts=True)
             for value in values[np.argsort(-counts, kind="stable")[:LABELS_TESTED]] if len(values) > 1 else ():
-                yield f"{label} {value}", np.flatnonzero(table.labels[label] == value)
+                rows = np.flatnonzero(table.labels[label] == value)
+                yield Group(f"{label} {value}", rows, *_sides(table, rows))
 
 
-def _blocks(table: Table) -> Iterator[tuple[str, Array]]:
-    """Yield rows of one block of pixels, with its name; none without a shape of the image."""
+def _blocks(table: Table) -> Iterator[Group]:
+    """Yield the rows of each block of pixels; none without a shape of the image."""
     if table.shape is None:
         return
     height, width = table.shape
     row, column = np.divmod(table.pixel, width)
     block = (row * BLOCKS // height * BLOCKS + column * BLOCKS // width).astype(np.int8)
     for number in np.unique(block):
-        yield f"block {number // BLOCKS + 1}, {number % BLOCKS + 1}", np.flatnonzero(block == number)
+        rows = np.flatnonzero(block == number)
+        yield Group(f"block {number // BLOCKS + 1}, {number % BLOCKS + 1}", rows, *_sides(table, rows))

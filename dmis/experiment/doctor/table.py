@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,13 @@ class Table:
 
     def __len__(self) -> int:
         return len(self.f)
+
+    def thinned(self, most: int) -> Table:
+        """Return the rows of every k-th camera sample, k so that they are about `most` at most."""
+        kept = np.flatnonzero(self.sample % max(1, -(-len(self) // most)) == 0)
+        names = ("is_light", "f", "a_l", "a_b", "sample", "pixel", "index")
+        labels = {name: label[kept] for name, label in self.labels.items()}
+        return replace(self, labels=labels, **{name: getattr(self, name)[kept] for name in names})
 
     def geometry(self, name: str, rows: Array | slice = slice(None)) -> Array | None:
         """Return one of `GEOMETRY` in some rows; None if the table does not have it."""
