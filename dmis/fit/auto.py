@@ -25,14 +25,14 @@ import numpy as np
 from dmis.base.patches import COLOURS, PATCH, patch_spread
 from dmis.base.validate import number, one_of
 from dmis.base.vectors import Array
-from dmis.estimator.allocation import shares_of
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import EQUAL, SAMPLES_OF, separate_lights
-from dmis.fit.best_pattern import PatternChoice, decide_patterns, looks_at
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.best_pattern import PatternChoice, decide_one_pattern, decide_patterns, gain_of_numbers, looks_at
+from dmis.fit.round import Budget, Fit, Pilot, Round
 from dmis.fit.rule import OptionRule
 from dmis.fit.sample_density import (
     EXPONENT,
+    PATH_PRICE,
     FirstRound,
     density_of_colour,
     sample_costs,
@@ -121,44 +121,56 @@ class Auto(OptionRule):
 
     def looks(self, budget: Budget) -> int:
         """Return the number of camera samples of the pilot; 0 where no pattern can pay, or the budget is too small."""
-        path = budget.settings.integrator == "path"
         mixable = budget.plan is None or budget.plan.mixable
-        if not self.weights or not mixable or budget.spp < (2 if path else 1) * LEAST_SPP:
+        if not self.weights or not mixable or few(budget):
             return 0
-        return max(2, budget.spp // (LOOK_PATHS if path else LOOK))
+        return max(2, budget.spp // (LOOK_PATHS if on_paths(budget) else LOOK))
 
     def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
-        """Yield the pilot, the first round, which is the same for all pixels, and the second one that it decides."""
+        """Yield the pilot, the first round, which is the same for all pixels, and the second one that it decides.
+
+        On paths the pilot also tells whether uneven numbers may pay. If not, the rest is one round of equal numbers.
+        """
         independent = budget.settings.sampler == "independent"
         a = self.exponent or (1.0 if independent else EXPONENTS[budget.settings.integrator])
-        rule = replace(self, exponent=a)
         n_1 = self.pilot_samples(budget.spp)
         choice: PatternChoice | None = None
         maps: dict[str, np.ndarray] = {}
         features: Mapping[str, Array] = {}
+        # what so few samples of paths teach costs more than it saves
+        equal = self.weights and not self.spp and on_paths(budget) and few(budget)
         if samples := self.looks(budget):
+            path = on_paths(budget)
             lights = 0 if budget.plan is None else separate_lights(budget.plan, budget.settings)
             statistic = partial(PatternCurves, combiner=budget.settings.combiner, lights=lights)
-            pilot_round = budget.pilot(0.5, 2 * samples, statistic, self.filter == "joint")
+            pilot_round = budget.pilot(0.5, 2 * samples, statistic, self.filter == "joint" and not path)
             pilot = yield replace(pilot_round, spp=samples * looks_at(budget.shape))
-            path = budget.settings.integrator == "path"
-            choice, error = decide_patterns(pilot, path, self.filter, self.error, self.guard, a)
+            if path:
+                choice, error = decide_one_pattern(pilot, self.error)
+                number_error = gain_of_numbers(pilot, self.error, a, n_1)
+                equal = number_error >= PATH_PRICE
+                maps = {"number_error": np.array([number_error])}
+            else:
+                choice, error = decide_patterns(pilot, self.filter, self.error, self.guard, a)
             features = pilot.features
             del pilot  # its statistics are large
-            maps = {"pattern_error": np.array([error])}
-        first_round = Round(
-            n_1,
-            shares_of(0.5),
-            budget.settings,
-            FirstRound,
-            patterns=None if choice is None else choice.of_pixels(budget.shape, budget.settings.shading_samples),
+            maps |= {"pattern_error": np.array([error])}
+        patterns = None if choice is None else choice.of_pixels(budget.shape, budget.settings.shading_samples)
+        only = replace(budget.final(Fit(0.5)), patterns=patterns, maps=maps)
+        if equal:
+            yield only
+            return
+        first_round = replace(
+            only,
+            spp=n_1,
+            statistic=FirstRound,
             image_weight=n_1,
             stage="first",
             needs_features=self.filter == "joint" and not features,
         )
         first = yield first_round
         first = replace(first, features=features or first.features)
-        yield rule.second_round(first_round, first, budget, choice, maps)
+        yield replace(self, exponent=a).second_round(first_round, first, budget, choice, maps)
 
     def second_round(
         self,
@@ -173,7 +185,7 @@ class Auto(OptionRule):
         Maps: `variance` of each pixel's mean in the first round, and by colour `confidence` and `number_error`, see
         `dmis.fit.sample_density.Density`.
         """
-        n_1, path = int(first_round.spp), budget.settings.integrator == "path"
+        n_1, path = int(first_round.spp), on_paths(budget)
         variance, independent = variance_of_mean(first), sample_variance(first, self.filter)
         shape = variance.shape
         samples = np.full(shape, budget.spp - n_1, np.int32)
@@ -206,3 +218,13 @@ class Auto(OptionRule):
             stage="final",
             maps={**maps, "variance": variance, "confidence": confidence, "number_error": number_error},
         )
+
+
+def on_paths(budget: Budget) -> bool:
+    """Return whether a budget is spent on paths of several surfaces."""
+    return budget.settings.integrator == "path"
+
+
+def few(budget: Budget) -> bool:
+    """Return whether a budget is too small for a pilot."""
+    return budget.spp < (2 if on_paths(budget) else 1) * LEAST_SPP

@@ -31,10 +31,11 @@ from dmis.base.patches import COLOURS, PATCH, patch_spread, patch_sum, row_block
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.cost import pattern_costs
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, PatternMap
+from dmis.filter import gaussian
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.fit.pooling import pool
 from dmis.fit.round import Pilot
-from dmis.fit.sample_density import DARK
+from dmis.fit.sample_density import CONFIDENCES, DARK, confidence
 from dmis.fit.sample_numbers import light_halvings
 
 HALF = int(SHARE_OF[FIRST])
@@ -88,13 +89,11 @@ def looks_at(shape: tuple[int, int]) -> np.ndarray:
 
 
 def decide_patterns(
-    pilot: Pilot, path: bool, filter_: str, error: str, guard: float, exponent: float
+    pilot: Pilot, filter_: str, error: str, guard: float, exponent: float
 ) -> tuple[PatternChoice | None, float]:
     """Return the patterns of patches from a pilot, None if they do not pay, and their predicted error.
 
-    The error is that over the error of the pattern 1:1 at equal cost. On a `path` one pattern is chosen for all,
-    because those of several are batches of their own, small at the later surfaces. For the options see
-    `dmis.fit.auto.Auto`.
+    The error is that over the error of the pattern 1:1 at equal cost. For the options see `dmis.fit.auto.Auto`.
     """
     weight = _patch_weight(pilot, error)
     curves_of = {colours: curves_of_patches(pilot, colours, filter_) for colours in (*HALVES, ALL)}
@@ -102,8 +101,6 @@ def decide_patterns(
     def choose(colours: tuple[int, ...]) -> PatternChoice:
         curves, lights = curves_of[colours]
         costs = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, max(len(lights) - 1, 1))
-        if path:
-            return one_pattern(curves, costs[0], weight, exponent)
         return choose_patterns(curves, lights, costs, guard, exponent)
 
     predicted = float(
@@ -115,6 +112,29 @@ def decide_patterns(
         )
     )
     return (choose(ALL) if predicted < PATTERN_PRICE else None), predicted
+
+
+def decide_one_pattern(pilot: Pilot, error: str) -> tuple[PatternChoice | None, float]:
+    """Return one pattern for all patches, None if 1:1 is as good, and its predicted error times its cost.
+
+    For paths, because samples of several patterns are batches of their own, small at the later surfaces. All pixels
+    keep their numbers of camera samples, powers of two: of a pattern that costs an eighth less, an eighth of the pixels
+    could have twice as many, which lowers the error by less than the time. So what is least is V C.
+    """
+    weight = _patch_weight(pilot, error)
+    cost = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques)[0]
+    error_of = {
+        colours: one_pattern_errors(curves_of_image(pilot, colours, weight), cost) for colours in (*HALVES, ALL)
+    }
+    predicted = float(
+        np.mean([error_of[judge][error_of[chooser].argmin()] for chooser, judge in (HALVES, HALVES[::-1])])
+    )
+    if not predicted < PATTERN_PRICE:
+        return None, predicted
+    best = int(error_of[ALL].argmin())
+    none = np.empty((0, *weight.shape), np.uint8)
+    of_patches = np.full(weight.shape, best, np.uint8)
+    return PatternChoice(of_patches, np.full(weight.shape, cost[best]), none, np.ones(weight.shape)), predicted
 
 
 def _patch_weight(pilot: Pilot, error: str) -> Array:
@@ -180,17 +200,50 @@ def best_patterns(curves: PatchCurves, cost: Array, allowed: np.ndarray, guard: 
     return np.where(error[EQUAL] <= error.min(axis=0), EQUAL, error.argmin(axis=0)).astype(np.uint8)
 
 
-def one_pattern(curves: PatchCurves, cost: Array, weight: Array, exponent: float) -> PatternChoice:
-    """Return the best pattern for all patches, of at most two shading samples; no light is halved.
+def gain_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> float:
+    """Return the error that uneven numbers of camera samples promise, over that of equal ones at equal cost.
+
+    Numbers from `n_1` on follow the variance of patches that half of the pixels see; the other half judges.
+    """
+    weight = _patch_weight(pilot, error)
+    of_halves = []
+    for colours in HALVES:
+        sums = {name: sum(pilot.sums[name][k] for k in colours) for name in ("position", "curve")}
+        of_halves.append(np.maximum(sums["position"] + sums["curve"][HALF], 0) * weight)
+    errors = [
+        confidence(
+            gaussian(v, 1.0, 2) + TINY,
+            judge,
+            np.ones(v.shape),
+            n_1,
+            pilot.budget,
+            exponent,
+            CONFIDENCES["absolute"],
+            1.0,
+        )[1]
+        for v, judge in (of_halves, of_halves[::-1])
+    ]
+    return float(np.mean(errors))
+
+
+def curves_of_image(pilot: Pilot, colours: Sequence[int], weight: Array) -> PatchCurves:
+    """Return the curves of the image as those of one patch, from the samples of some colours.
 
     `weight` is that of each patch in the error.
     """
+    sums = {name: sum(a[k] for k in colours) for name, a in pilot.sums.items()}
+    means = {name: (a * weight).sum(axis=(-2, -1), keepdims=True) / weight.sum() for name, a in sums.items()}
+    return PatchCurves(**means, pixels=np.ones((1, 1)), baseline=HALF)
+
+
+def one_pattern_errors(curves: PatchCurves, cost: Array) -> Array:
+    """Return V C of each pattern over that of 1:1, ``(patterns,)``, from the curves of an image.
+
+    Infinite for patterns of more than two shading samples, and for one technique alone if it is not safe.
+    """
     allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[SHARE_OF] & (SAMPLES_OF <= SAMPLES_OF[EQUAL])
-    error = (pattern_variances(curves) * weight).sum(axis=(1, 2)) * cost**exponent
-    best = int(np.where(allowed, error, np.inf).argmin())
-    shape = curves.position.shape
-    none = np.empty((0, *shape), np.uint8)
-    return PatternChoice(np.full(shape, best, np.uint8), np.full(shape, cost[best]), none, np.ones(shape))
+    error = pattern_variances(curves)[:, 0, 0] * cost
+    return np.where(allowed, error, np.inf) / error[EQUAL] if error[EQUAL] > 0 else np.ones(len(error))
 
 
 def pattern_variances(curves: PatchCurves) -> Array:

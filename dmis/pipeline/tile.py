@@ -120,10 +120,12 @@ def tile_areas(
     """Return rows and columns of the tiles of an image.
 
     Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch; twice as large where the
-    numbers of samples are `uneven`, because pixels of different patterns or numbers are in batches of their own.
+    numbers of samples are `uneven`, because pixels of different patterns or numbers are in batches of their own. They
+    are 256 where most pixels have no sample, and `spp`, the mean, is 0.
     """
     across = down = MIN_SIDE
-    while down < MAX_SIDE and 2 * across * down * spp <= (2 * batch if uneven else batch):
+    most = MAX_SIDE if spp else 2 * MAX_SIDE
+    while down < most and 2 * across * down * spp <= (2 * batch if uneven else batch):
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [

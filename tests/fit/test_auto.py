@@ -22,7 +22,9 @@ from dmis.fit.best_pattern import (
     LOOKS,
     PatternChoice,
     best_patterns,
+    decide_one_pattern,
     decide_patterns,
+    gain_of_numbers,
     looks_at,
     predicted_error,
 )
@@ -104,9 +106,9 @@ def decided(first: Pilot, rule: Auto = PLAIN) -> Array:
     return maps
 
 
-def decided_patterns(looked: Pilot, path: bool = False, guard: float = 0.0) -> tuple[PatternChoice | None, float]:
+def decided_patterns(looked: Pilot, guard: float = 0.0) -> tuple[PatternChoice | None, float]:
     """Return the patterns that a pilot decides, and their predicted error."""
-    return decide_patterns(looked, path, "none", "relative", guard, 1.4)
+    return decide_patterns(looked, "none", "relative", guard, 1.4)
 
 
 def costs(lights: int = 1) -> Array:
@@ -185,13 +187,40 @@ def test_patterns_that_do_not_pay_are_left_out() -> None:
 
 
 def test_paths_have_one_pattern_of_two_samples_at_most() -> None:
-    """Light samples alone are best in one half, and worse in the other: what is best for both together."""
+    """Light samples alone are best in one half, and worse in the other: the least V C for both together."""
     curve = np.ones((len(SHARES), 4, 4))
     curve[-1, :, :2], curve[-1, :, 2:] = 0.1, 0.9
-    choice, error = decided_patterns(pilot(curve), path=True)
-    assert choice is not None and error < 0.95
-    assert len(np.unique(choice.pattern)) == 1 and SAMPLES_OF[choice.pattern[0, 0]] <= 2
-    assert SHARES[SHARE_OF[choice.pattern[0, 0]]] == 1
+    choice, error = decide_one_pattern(pilot(curve), "relative")
+    assert choice is not None and (choice.pattern == choice.pattern[0, 0]).all()
+    cost = pattern_costs(RAYS, 4, ("light", "brdf"))[0]
+    # V = A(w) / S, the curve being A / 2: of light samples alone 2 * .5 / S, of the pattern 1:1 2 * 1 / 2
+    expected = {(1, 0): cost[PATTERNS.index((1, 0))], (2, 0): 0.5 * cost[PATTERNS.index((2, 0))]}
+    assert PATTERNS[choice.pattern[0, 0]] == min(expected, key=expected.__getitem__)
+    assert error == pytest.approx(min(expected.values()))
+    np.testing.assert_allclose(choice.cost, cost[choice.pattern[0, 0]])
+
+
+def test_patterns_of_paths_are_judged_by_pixels_that_did_not_choose_them() -> None:
+    """Two of the colours see light samples alone as far better, the others as far worse."""
+    curve = np.ones((4, len(SHARES), 4, 4))
+    curve[[0, 3], -1], curve[[1, 2], -1] = 0.01, 1.5
+    choice, error = decide_one_pattern(pilot(curve), "relative")
+    assert choice is None and error >= 0.95
+
+
+def test_pilots_of_paths_tell_whether_numbers_may_pay() -> None:
+    """A quarter of the patches with 32 times the variance; and a variance that only half of the pixels see."""
+    position = np.ones((4, 16, 16))
+    position[:, :8, :8] = 32
+    promised = gain_of_numbers(replace(pilot(FLAT, position, (64, 64)), budget=64), "relative", 1.2, 8)
+    # n ~ V^(t / 2.2) with t = 1 in 8 of 32 columns and rows, away from the filtered edge
+    n = np.array([1.0, 32.0]) + 1  # P and A / 2 of a curve of 1
+    number = n ** (1 / 2.2) / (np.array([0.75, 0.25]) @ n ** (1 / 2.2))
+    expected = np.array([0.75, 0.25]) @ (n * number**-1.2) / (np.array([0.75, 0.25]) @ n)
+    assert promised == pytest.approx(expected, rel=0.1) and promised < 0.7
+    assert gain_of_numbers(replace(pilot(FLAT, 1.0, (64, 64)), budget=64), "relative", 1.2, 8) == pytest.approx(1)
+    luck = np.random.default_rng(1).lognormal(0, 2, (2, 16, 16))[[0, 1, 1, 0]]
+    assert gain_of_numbers(replace(pilot(FLAT, luck, (64, 64)), budget=64), "relative", 1.2, 8) > 0.95
 
 
 def test_lights_that_few_samples_see() -> None:
@@ -349,12 +378,31 @@ def test_rounds_of_a_budget(sampler: str, exponent: float) -> None:
     assert np.any(second.spp != other.spp)
 
 
+@pytest.mark.parametrize(("position", "stage"), [(1.0, "final"), (np.repeat([100.0, 1.0], 8), "first")])
+def test_paths_have_a_first_round_only_if_numbers_may_pay(position: Array | float, stage: str) -> None:
+    """Otherwise the pilot is followed by one round with all samples of the budget."""
+    budget = Budget(64, (64, 64), dmis.Settings(sampler="sobol", integrator="path", max_depth=5))
+    rounds = Auto().rounds(budget)
+    assert next(rounds).stage == "pilot"
+    round_ = rounds.send(replace(pilot(FLAT, position, (64, 64)), budget=64))
+    spp = 64 if stage == "final" else 16
+    assert (round_.stage, round_.spp, round_.begin, round_.image_weight) == (stage, spp, 0, spp)
+
+
 def test_rounds_without_shares_to_choose() -> None:
     """`counts`, and a budget or a scene for which no pattern can pay, have no pilot."""
-    settings = dmis.Settings(sampler="sobol", integrator="path", max_depth=5)
-    for rule, budget in ((Auto(weights=False), 64), (Auto(), 31)):
+    direct, path = (dmis.Settings(sampler="sobol", integrator=name, max_depth=5) for name in ("direct", "path"))
+    cases = (
+        (Auto(weights=False), 64, path, "first"),
+        (Auto(weights=False), 16, path, "first"),
+        (Auto(spp=4), 16, path, "first"),
+        (Auto(), 31, path, "final"),
+        (Auto(), 31, direct, "pilot"),
+    )
+    for rule, budget, settings, stage in cases:
         first = next(rule.rounds(Budget(budget, (4, 4), settings)))
-        assert first.stage == "first" and first.image_weight == first.spp
+        assert first.stage == stage
+        assert first.image_weight == (0 if stage == "pilot" else first.spp)
     assert isinstance(make_rule("counts"), Auto) and not make_rule("counts").weights
     with pytest.raises(ValueError, match=r"rule counts has the options spp, .*; got 'weights'"):
         make_rule("counts:weights=yes")
