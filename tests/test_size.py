@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 29_720, "tests": 29_720}
+LINES = {"dmis": 29_850, "tests": 29_820}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
 WORDS = 47_200
 """Words of the pages, tables included."""

@@ -42,7 +42,7 @@ from dmis.fit.sample_density import (
 from dmis.fit.sample_numbers import FIRST_ROUNDS, LEAST_SPP, powers_of_two
 from dmis.variance.pattern_curves import PatternCurves
 
-LOOK, LOOK_PATHS = 16, 32
+LOOK, LOOK_PATHS = 16, 128
 """Budgets for which the pilot has one camera sample, of direct lighting and of paths."""
 EXPONENTS = {"direct": EXPONENT, "path": 1.2}
 """a of low-discrepancy points: more dimensions of a path are left to luck."""

@@ -123,18 +123,16 @@ def decide_one_pattern(pilot: Pilot, error: str) -> tuple[PatternChoice | None, 
     """
     weight = _patch_weight(pilot, error)
     cost = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques)[0]
-    error_of = {
-        colours: one_pattern_errors(curves_of_image(pilot, colours, weight), cost) for colours in (*HALVES, ALL)
-    }
+    curves = {colours: curves_of_image(pilot, colours, weight) for colours in (*HALVES, ALL)}
+    best = {colours: one_pattern(of_colours, cost) for colours, of_colours in curves.items()}
     predicted = float(
-        np.mean([error_of[judge][error_of[chooser].argmin()] for chooser, judge in (HALVES, HALVES[::-1])])
+        np.mean([one_pattern_errors(curves[judge], cost)[best[chooser]] for chooser, judge in (HALVES, HALVES[::-1])])
     )
     if not predicted < PATTERN_PRICE:
         return None, predicted
-    best = int(error_of[ALL].argmin())
     none = np.empty((0, *weight.shape), np.uint8)
-    of_patches = np.full(weight.shape, best, np.uint8)
-    return PatternChoice(of_patches, np.full(weight.shape, cost[best]), none, np.ones(weight.shape)), predicted
+    of_patches = np.full(weight.shape, best[ALL], np.uint8)
+    return PatternChoice(of_patches, np.full(weight.shape, cost[best[ALL]]), none, np.ones(weight.shape)), predicted
 
 
 def _patch_weight(pilot: Pilot, error: str) -> Array:
@@ -236,14 +234,19 @@ def curves_of_image(pilot: Pilot, colours: Sequence[int], weight: Array) -> Patc
     return PatchCurves(**means, pixels=np.ones((1, 1)), baseline=HALF)
 
 
-def one_pattern_errors(curves: PatchCurves, cost: Array) -> Array:
-    """Return V C of each pattern over that of 1:1, ``(patterns,)``, from the curves of an image.
+def one_pattern(curves: PatchCurves, cost: Array) -> int:
+    """Return the pattern of the least V C for an image, of at most two shading samples.
 
-    Infinite for patterns of more than two shading samples, and for one technique alone if it is not safe.
+    `curves` are `curves_of_image`. One technique alone needs to be safe, see `dmis.fit.curve_minimum.allowed_weights`.
     """
     allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[SHARE_OF] & (SAMPLES_OF <= SAMPLES_OF[EQUAL])
+    return int(np.where(allowed, one_pattern_errors(curves, cost), np.inf).argmin())
+
+
+def one_pattern_errors(curves: PatchCurves, cost: Array) -> Array:
+    """Return V C of each pattern over that of 1:1, ``(patterns,)``, from the curves of an image."""
     error = pattern_variances(curves)[:, 0, 0] * cost
-    return np.where(allowed, error, np.inf) / error[EQUAL] if error[EQUAL] > 0 else np.ones(len(error))
+    return np.asarray(error / error[EQUAL]) if error[EQUAL] > 0 else np.ones(len(error))
 
 
 def pattern_variances(curves: PatchCurves) -> Array:

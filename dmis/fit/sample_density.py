@@ -43,7 +43,7 @@ EXPONENT = 1.4
 """a of low-discrepancy points; of independent ones it is 1."""
 CONFIDENCES = {"absolute": (1.0, 0.75, 0.5, 0.25), "relative": (0.75, 0.5, 0.25)}
 """Powers of the variance which numbers of samples may follow."""
-PRICE, PATH_PRICE = 0.85, 0.78
+PRICE, PATH_PRICE = 0.85, 0.75
 """Predicted errors over that of equal numbers from which on uneven numbers do not pay, in direct lighting and by paths.
 
 By paths tt has .88 of the error where .81 is predicted, and a quarter more time than counted rays tell: rays that meet
