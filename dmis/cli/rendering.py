@@ -156,10 +156,17 @@ def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
 
 
 def _time_and_rays(result: Result) -> list[str]:
-    """Return lines with the seconds of each stage, the rays of each kind and the mean share of light samples."""
+    """Return lines with seconds of each stage, rays of each kind, mean share of light samples, and what was decided."""
     stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
     rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
-    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.light_share.mean():.0%}"]
+    decided = result.provenance.get("decided", {})
+    decisions = [f"  {name}: {', '.join(f'{value:g}' for value in values)}" for name, values in decided.items()]
+    return [
+        f"  seconds: {stages}",
+        f"  rays: {rays}",
+        f"  light samples: {result.light_share.mean():.0%}",
+        *decisions,
+    ]
 
 
 def _stats(options: argparse.Namespace, result: Result) -> dict[str, object]:

@@ -88,7 +88,7 @@ class Result:
         direction), ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on
         from so many surfaces); ``guide``, of the feature buffers that a rule's filter compares.
     maps
-        Diagnostics of the rule.
+        Diagnostics of the rule. Those with one axis, what it decided for the image, are in the provenance, ``decided``.
     describe
         Makes `provenance`.
     """
@@ -184,6 +184,9 @@ def make_result(
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
     of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(passes.pilot_rays)}
     of_image["deviation_of"] = deviation_of
+    # what a rule decided for the whole image
+    decided = {name: np.round(values, 3).tolist() for name, values in final.maps.items() if np.ndim(values) == 1}
+    of_image |= {"decided": decided} if decided else {}
     return Result(
         image=image[0],
         deviation=image[1],

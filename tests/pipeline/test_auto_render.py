@@ -106,3 +106,13 @@ def test_layers_of_light_and_brdf_samples(tmp_path: Path) -> None:
     for name in ("light_samples", "brdf_samples", "samples"):
         np.testing.assert_allclose(layers[name], getattr(result, name), rtol=1e-3)
     assert json.loads(attributes["dmis.provenance"])["deviation_of"] == "sub-blocks"
+
+
+def test_provenance_has_what_was_decided(box: dmis.Scene) -> None:
+    """The predicted errors, as the rule's maps have them; nothing of a rule that decides nothing for the image."""
+    result = dmis.render(box, "auto", 32, seed=1, integrator="path", max_depth=2)
+    decided = result.provenance["decided"]
+    assert {"pattern_error", "number_error"} <= decided.keys()
+    for name, values in decided.items():
+        np.testing.assert_allclose(values, result.maps[name], atol=5e-4)
+    assert "decided" not in dmis.render(box, "balance", 4).provenance
