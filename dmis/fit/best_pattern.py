@@ -43,6 +43,10 @@ HALF = int(SHARE_OF[FIRST])
 
 PATTERN_PRICE = 0.95
 """Predicted error over that of the pattern 1:1 from which on other patterns do not pay."""
+MOST_PATTERNS = 4
+"""Largest number of patterns in an image of direct lighting."""
+LEAST_GAIN = 0.002
+"""Part of the error to the power 1 / (1 + a) that one more pattern must save."""
 LOOKS = ((0, 0), (1, 2), (2, 1), (3, 3))
 """The pixels of a patch that the pilot looks at, one of each colour."""
 HALVES: tuple[tuple[int, ...], ...] = ((0, 3), (1, 2))
@@ -101,7 +105,7 @@ def decide_patterns(
     def choose(colours: tuple[int, ...]) -> PatternChoice:
         curves, lights = curves_of[colours]
         costs = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, max(len(lights) - 1, 1))
-        return choose_patterns(curves, lights, costs, guard, exponent)
+        return choose_patterns(curves, lights, costs, weight, guard, exponent)
 
     predicted = float(
         np.mean(
@@ -167,18 +171,21 @@ def curves_of_patches(pilot: Pilot, colours: Sequence[int], filter_: str) -> tup
 
 
 def choose_patterns(
-    curves: PatchCurves, lights: Array, costs: tuple[Array, Array], guard: float, exponent: float
+    curves: PatchCurves, lights: Array, costs: tuple[Array, Array], weight: Array, guard: float, exponent: float
 ) -> PatternChoice:
-    """Return the best pattern of each patch, and the halvings of each light that suit it.
+    """Return the best pattern of each patch, of `MOST_PATTERNS` at most, and the halvings of each light that suit it.
 
-    `curves` and `lights` are `curves_of_patches`, `costs` is `dmis.estimator.cost.pattern_costs`. For the options see
-    `dmis.fit.auto.Auto`.
+    `curves` and `lights` are `curves_of_patches`, `costs` is `dmis.estimator.cost.pattern_costs`, and `weight` that of
+    each patch in the error. For the options see `dmis.fit.auto.Auto`.
     """
     cost, light_costs = costs
     allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))
     # some rows at a time, because there are many patterns
     blocks = row_blocks(len(curves.position), 4)
-    pattern = np.concatenate([best_patterns(curves.rows(rows), cost, allowed, guard, exponent) for rows in blocks])
+    errors = np.concatenate(
+        [pattern_errors(curves.rows(rows), cost, allowed, guard, exponent) for rows in blocks], axis=1
+    )
+    pattern = best_of_few(errors, weight, exponent)
     if not len(lights):
         return PatternChoice(pattern, cost[pattern], np.empty(lights.shape, np.uint8), np.ones(pattern.shape))
     of_pattern, lit = cost[pattern], light_costs[:, pattern]
@@ -186,16 +193,36 @@ def choose_patterns(
     return PatternChoice(pattern, of_pattern * cost_ratio, halvings, variance_ratio)
 
 
-def best_patterns(curves: PatchCurves, cost: Array, allowed: np.ndarray, guard: float, exponent: float) -> np.ndarray:
-    """Return the best pattern of each patch; `allowed` ``(G,)`` says which shares may be used."""
+def pattern_errors(curves: PatchCurves, cost: Array, allowed: np.ndarray, guard: float, exponent: float) -> Array:
+    """Return V C^a of each pattern in each patch, ``(patterns, rows, columns)`` float32.
+
+    Infinite for another share than 1/2 unless its gain is certain and it is `allowed` ``(G,)``.
+    """
     # V_k C_k^a
     error = pattern_variances(curves) * cost[:, None, None] ** exponent
-    # another share than 1/2 only where the gain is certain
     certain = curves.curve - curves.curve[HALF] < -guard * curves.gain_error()
     certain &= allowed[:, None, None]
     certain[HALF] = True
-    error = np.where(certain[SHARE_OF], error, np.inf)
-    return np.where(error[EQUAL] <= error.min(axis=0), EQUAL, error.argmin(axis=0)).astype(np.uint8)
+    return np.where(certain[SHARE_OF], error, np.inf).astype(np.float32)
+
+
+def best_of_few(errors: Array, weight: Array, exponent: float) -> np.ndarray:
+    """Return the pattern of the least error in each patch, of few, because each has batches of its own.
+
+    From 1:1 on the pattern is added that lowers the error of the image most (`predicted_error`), up to `MOST_PATTERNS`,
+    or until it lowers it by less than `LEAST_GAIN`.
+    """
+    # with the best numbers of samples the error is the sum over patches of (V q C^a)^(1 / (1 + a)), to the 1 + a
+    parts = (errors * weight) ** (1 / (1 + exponent))
+    chosen, least = [EQUAL], parts[EQUAL]
+    while len(chosen) < MOST_PATTERNS:
+        sums = [np.minimum(least, part).sum(dtype=np.float64) for part in parts]
+        best = int(np.argmin(sums))
+        if sums[best] >= (1 - LEAST_GAIN) * least.sum(dtype=np.float64):
+            break
+        chosen.append(best)
+        least = np.minimum(least, parts[best])
+    return np.asarray(chosen, np.uint8)[errors[chosen].argmin(axis=0)]
 
 
 def gain_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> float:

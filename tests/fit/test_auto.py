@@ -14,18 +14,19 @@ from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import pattern_costs
 from dmis.estimator.patterns import EQUAL, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
 from dmis.estimator.records import PIXEL_SUMS
-from dmis.fit import auto, sample_density
+from dmis.fit import auto, best_pattern, sample_density
 from dmis.fit.auto import Auto
 from dmis.fit.best_pattern import (
     ALL,
     HALF,
     LOOKS,
     PatternChoice,
-    best_patterns,
+    best_of_few,
     decide_one_pattern,
     decide_patterns,
     gain_of_numbers,
     looks_at,
+    pattern_errors,
     predicted_error,
 )
 from dmis.fit.curve_minimum import PatchCurves
@@ -129,12 +130,30 @@ def test_best_pattern_by_the_formula() -> None:
     rng, a = np.random.default_rng(5), 1.4
     curve, place, cost = rng.lognormal(0, 1, (len(SHARES), 1, 200)), rng.lognormal(-1, 1, (1, 200)), costs()
     curves = PatchCurves(curve, (curve - curve[HALF]) ** 2, place, np.full((1, 200), 12.0), HALF)
-    patterns = best_patterns(curves, cost, np.ones(len(SHARES), bool), 0.0, a)
+    patterns = pattern_errors(curves, cost, np.ones(len(SHARES), bool), 0.0, a).argmin(axis=0)
     v = np.array([place + 2 * curve[g] / s for g, s in zip(SHARE_OF, SAMPLES_OF)])
     possible = (curve < curve[HALF])[SHARE_OF] | (SHARE_OF == HALF)[:, None, None]
     best = np.where(possible, v * cost[:, None, None] ** a, np.inf).argmin(axis=0)
     np.testing.assert_array_equal(patterns, best)
     assert len(np.unique(best)) > 5
+
+
+def test_few_patterns_are_the_best_few() -> None:
+    """Of random errors the pair with 1:1 that has the least error of the image; none for a gain of next to nothing."""
+    rng, a = np.random.default_rng(3), 1.4
+    errors, weight = rng.lognormal(0, 1, (len(PATTERNS), 6, 7)), rng.lognormal(0, 1, (6, 7))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(best_pattern, "MOST_PATTERNS", 2)
+        pattern = best_of_few(errors, weight, a)
+    of_pairs = {
+        k: ((np.minimum(errors[EQUAL], errors[k]) * weight) ** (1 / (1 + a))).sum() for k in range(len(PATTERNS))
+    }
+    best = min(of_pairs, key=of_pairs.__getitem__)
+    np.testing.assert_array_equal(pattern, np.where(errors[best] < errors[EQUAL], best, EQUAL))
+    assert 2 < len(np.unique(best_of_few(errors, weight, a))) <= best_pattern.MOST_PATTERNS
+    assert (
+        best_of_few(np.where(np.arange(15)[:, None, None] == EQUAL, 1, 0.999 + 0 * errors), weight, a) == EQUAL
+    ).all()
 
 
 def test_error_that_is_predicted_is_that_of_the_best_numbers() -> None:
