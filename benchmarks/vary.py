@@ -29,6 +29,7 @@ SIZES = {
     "killeroo-diffuse": (152, 114),
     "killeroo-gold": (152, 114),
     "tt": (200, 111),
+    "tt-overcast": (200, 111),
     "veach-mis": (160, 120),
     "ten-lights": (136, 102),
 }

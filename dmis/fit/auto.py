@@ -27,7 +27,7 @@ from dmis.base.validate import number, one_of
 from dmis.base.vectors import Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import EQUAL, SAMPLES_OF, separate_lights
-from dmis.fit.best_pattern import PatternChoice, decide_one_pattern, decide_patterns, gain_of_numbers, looks_at
+from dmis.fit.best_pattern import PatternChoice, decide_one_pattern, decide_patterns, error_of_numbers, looks_at
 from dmis.fit.round import Budget, Fit, Pilot, Round
 from dmis.fit.rule import OptionRule
 from dmis.fit.sample_density import (
@@ -147,7 +147,7 @@ class Auto(OptionRule):
             pilot = yield replace(pilot_round, spp=samples * looks_at(budget.shape))
             if path:
                 choice, error = decide_one_pattern(pilot, self.error)
-                number_error = gain_of_numbers(pilot, self.error, a, n_1)
+                number_error = error_of_numbers(pilot, self.error, a, n_1)
                 equal = number_error >= PATH_PRICE
                 maps = {"number_error": np.array([number_error])}
             else:

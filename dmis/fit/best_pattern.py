@@ -16,6 +16,9 @@ P being the variance over the positions in the pixel, and A(w) that of one shadi
 A curve is uncertain, and the least of many uncertain values is too small; so w = 1/2 is left only for a gain of several
 standard errors.
 
+**Paths** have one pattern for the whole image, and equal numbers n of camera samples. Then time is in proportion to C,
+and the best pattern is that of the least V C.
+
 **Judge.** Whether the choice as a whole pays is asked of samples that did not make it: half of the pixels choose, and
 the curves of the other half say what error the choice has.
 """
@@ -207,10 +210,11 @@ def pattern_errors(curves: PatchCurves, cost: Array, allowed: np.ndarray, guard:
 
 
 def best_of_few(errors: Array, weight: Array, exponent: float) -> np.ndarray:
-    """Return the pattern of the least error in each patch, of few, because each has batches of its own.
+    """Return the best pattern of each patch, where the image may have `MOST_PATTERNS` different ones.
 
-    From 1:1 on the pattern is added that lowers the error of the image most (`predicted_error`), up to `MOST_PATTERNS`,
-    or until it lowers it by less than `LEAST_GAIN`.
+    Pixels of different patterns are rendered in different batches, and small batches are slow. The set of patterns
+    begins with 1:1. Each step adds the one that lowers the error of the image most (`predicted_error`), until the gain
+    is below `LEAST_GAIN`.
     """
     # with the best numbers of samples the error is the sum over patches of (V q C^a)^(1 / (1 + a)), to the 1 + a
     parts = (errors * weight) ** (1 / (1 + exponent))
@@ -225,8 +229,8 @@ def best_of_few(errors: Array, weight: Array, exponent: float) -> np.ndarray:
     return np.asarray(chosen, np.uint8)[errors[chosen].argmin(axis=0)]
 
 
-def gain_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> float:
-    """Return the error that uneven numbers of camera samples promise, over that of equal ones at equal cost.
+def error_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> float:
+    """Return the predicted error of uneven numbers of camera samples over that of equal ones, at equal cost.
 
     Numbers from `n_1` on follow the variance of patches that half of the pixels see; the other half judges.
     """
@@ -243,7 +247,7 @@ def gain_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> floa
             n_1,
             pilot.budget,
             exponent,
-            CONFIDENCES["absolute"],
+            CONFIDENCES[error],
             1.0,
         )[1]
         for v, judge in (of_halves, of_halves[::-1])

@@ -29,7 +29,7 @@ from dmis.variance.moments import Moments
 CHUNK = 2**16
 """Camera samples per batch: the arrays of one batch stay in the cache. All images depend on it. See `batch_size`."""
 MIN_SIDE, MAX_SIDE = 32, 128
-"""Least and largest side of a tile in pixels, a multiple of `PATCH` each. All images depend on them."""
+"""Least and largest side of a tile in pixels, multiples of `PATCH`, see `tile_areas`. All images depend on them."""
 
 
 @dataclass(frozen=True, eq=False)

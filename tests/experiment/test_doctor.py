@@ -192,6 +192,23 @@ def test_bad_rows_are_named(column, value, message):
         dmis.doctor(table)
 
 
+def test_directions_of_one_technique_alone_are_no_evidence():
+    """Rows in which the other density is 0 change nothing; a BRDF sample that calls its own 0 is refused."""
+    table = synthetic(4000)
+    alone = np.arange(len(table["f"])) % 10 == 0
+    more = {k: np.concatenate([v, v[alone]]) if np.shape(v)[:1] == alone.shape else v for k, v in table.items()}
+    of_light = more["technique"][len(alone) :] == 0
+    more["p_b"][len(alone) :][of_light] = 0
+    more["p_l"][len(alone) :][~of_light] = 0
+    expected, found = dmis.doctor(table), dmis.doctor(more)
+    assert found.rows == expected.rows
+    assert [test.z for test in found.tests] == [test.z for test in expected.tests]
+    brdf = int(np.argmax((table["technique"] == 1) & (table["p_l"] > 0)))
+    table["f"][brdf], table["p_b"][brdf] = 1, 0
+    with pytest.raises(ValueError, match=f"calls 0, with f > 0; row {brdf:,}"):
+        dmis.doctor(table)
+
+
 def test_units_are_doubted():
     """A density of another unit in all rows has a mass above 1."""
     table = synthetic(4000)

@@ -24,7 +24,7 @@ from dmis.fit.best_pattern import (
     best_of_few,
     decide_one_pattern,
     decide_patterns,
-    gain_of_numbers,
+    error_of_numbers,
     looks_at,
     pattern_errors,
     predicted_error,
@@ -231,15 +231,23 @@ def test_pilots_of_paths_tell_whether_numbers_may_pay() -> None:
     """A quarter of the patches with 32 times the variance; and a variance that only half of the pixels see."""
     position = np.ones((4, 16, 16))
     position[:, :8, :8] = 32
-    promised = gain_of_numbers(replace(pilot(FLAT, position, (64, 64)), budget=64), "relative", 1.2, 8)
-    # n ~ V^(t / 2.2) with t = 1 in 8 of 32 columns and rows, away from the filtered edge
+    promised = error_of_numbers(replace(pilot(FLAT, position, (64, 64)), budget=64), "relative", 1.2, 8)
+    # n ~ V^(t / 2.2) with t = 3/4 where 8 of 16 columns and rows have more, away from the filtered edge
     n = np.array([1.0, 32.0]) + 1  # P and A / 2 of a curve of 1
-    number = n ** (1 / 2.2) / (np.array([0.75, 0.25]) @ n ** (1 / 2.2))
+    number = n ** (0.75 / 2.2) / (np.array([0.75, 0.25]) @ n ** (0.75 / 2.2))
     expected = np.array([0.75, 0.25]) @ (n * number**-1.2) / (np.array([0.75, 0.25]) @ n)
     assert promised == pytest.approx(expected, rel=0.1) and promised < 0.7
-    assert gain_of_numbers(replace(pilot(FLAT, 1.0, (64, 64)), budget=64), "relative", 1.2, 8) == pytest.approx(1)
+    assert error_of_numbers(replace(pilot(FLAT, 1.0, (64, 64)), budget=64), "relative", 1.2, 8) == pytest.approx(1)
+    bright = np.where(np.kron(position[0] > 1, np.ones((PATCH, PATCH), bool)), np.sqrt(32), 1)
+    film = pilot(FLAT, position, (64, 64))
+    moments = replace(film.moments, mean=film.moments.mean * bright[..., None].astype(np.float32))
+    of_error = {
+        error: error_of_numbers(replace(film, moments=moments, budget=64), error, 1.2, 8)
+        for error in ("absolute", "relative")
+    }
+    assert of_error["absolute"] < 0.7 and of_error["relative"] > 0.9  # deviations in proportion to the radiance
     luck = np.random.default_rng(1).lognormal(0, 2, (2, 16, 16))[[0, 1, 1, 0]]
-    assert gain_of_numbers(replace(pilot(FLAT, luck, (64, 64)), budget=64), "relative", 1.2, 8) > 0.95
+    assert error_of_numbers(replace(pilot(FLAT, luck, (64, 64)), budget=64), "relative", 1.2, 8) > 0.95
 
 
 def test_lights_that_few_samples_see() -> None:

@@ -38,6 +38,17 @@ def test_tiles_cover_every_pixel_once(spp):
     assert [tile.number for tile in tiles] == list(range(len(tiles)))
 
 
+def test_tiles_are_larger_where_most_pixels_have_no_sample():
+    """Of a pilot that looks at some pixels: its batches would be small."""
+    settings = dmis.Settings()
+    few = np.zeros((300, 600), int)
+    few[::4, ::4] = 2
+    for spp, side in ((few, 2 * MAX_SIDE), (1, MAX_SIDE)):
+        tiles = make_tiles((600, 300), 1, 0, Round(spp, shares_of(0.5), settings))
+        assert max(max(tile.shape) for tile in tiles) == side
+        assert sum(tile.pixels for tile in tiles) == 600 * 300
+
+
 def test_tiles_have_the_maps_of_their_pixels():
     """Samples and shares of a tile are those of its rows and columns; equal shares become one column."""
     rng, settings = np.random.default_rng(1), dmis.Settings(techniques=("light", "brdf", "uniform"))

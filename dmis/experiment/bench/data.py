@@ -88,12 +88,12 @@ def path_of(scene: str, seed: int | None = None) -> Path:
 
 
 def seeds_of(scene: str, seeds: Iterable[int]) -> list[int]:
-    """Return the seeds of a scene's pilots: of the benchmark's scenes all of `seeds`, of others those that exist."""
+    """Return the `seeds` of a scene's pilots; except for the benchmark's scenes, only those whose files exist."""
     known = [seed for seed in seeds if scene in SCENES or path_of(scene, seed).exists()]
     if not known:
         raise ValueError(
-            f"scene {scene} must have pilots of at least one seed, such as {path_of(scene, 0)}; there are none of the "
-            f"seeds asked for"
+            f"scene {scene} must have pilots of at least one seed, such as {path_of(scene, 0)}; no file has one of "
+            f"the given seeds"
         )
     return known
 
@@ -104,6 +104,8 @@ def read_pilots(path: Path) -> Pilots:
     tables = {}
     for numbers in about:
         w, shape = numbers.pop("w"), tuple(numbers.pop("shape"))
+        # files of earlier commits have rays of colours beside all rays
+        numbers["rays"] = {kind: number for kind, number in numbers["rays"].items() if " of colour " not in kind}
         columns: dict[str, Any] = {name: arrays[f"{w} {name}"] for name in COLUMNS}
         tables[w] = SampleTable(**columns, shape=shape, **numbers)
     features = {name.removeprefix("feature "): a.astype(np.float32) for name, a in arrays.items() if name[0] == "f"}

@@ -98,9 +98,8 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
     mean, root = (a.astype(np.float32) for a in (moments.mean, np.sqrt(moments.m2)))
     film = Film(n if observed.all() else n * observed[..., None], mean * observed[..., None], root)
     features = pilots.features if round_.needs_features else {}
-    rays = {kind: number for kind, number in part.rays.items() if " of colour " not in kind}  # of earlier tables
     sums = _sums(round_, part, radiance, tilt, observed)
-    return Pilot(film, rays, sums, s, features, budget=SPP)
+    return Pilot(film, part.rays, sums, s, features, budget=SPP)
 
 
 def _sums(

@@ -71,7 +71,7 @@ def score(rule: AnyRule, scenes: Iterable[str | os.PathLike[str]] = SCENES, seed
         Names of `dmis.experiment.bench.data.SCENES`, or of `dmis.experiment.bench.data.PACKAGED`, such as ``small``,
         which come with dmis; or paths of data files of one's own, see docs/bench-files.md.
     seeds
-        Seeds of the pilots; of scenes that come with dmis, and of one's own, those that there are.
+        Seeds of the pilots. Of packaged scenes, and of one's own, those without a file are left out.
     """
     seeds = list(seeds)
     name, values = rule if isinstance(rule, str) else getattr(rule, "__name__", rule_text(rule)), {}

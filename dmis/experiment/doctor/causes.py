@@ -250,7 +250,7 @@ def _log_cos(a: Array, b: Array) -> Floats:
 
 
 def candidates(evidence: Evidence) -> Iterator[Cause]:
-    """Yield the causes that are tried; `_mirrored` has those that give the same table."""
+    """Yield all causes but those of `_mirrored`, which give the same table as another."""
     for column, rows in (("p_l", "light"), ("p_l", "BRDF"), ("p_l", "all"), ("p_b", "light"), ("p_b", "BRDF")):
         yield Cause(column, rows)
         for measure in evidence.measures:

@@ -20,7 +20,7 @@ PATCH = 8
 TILTS = np.linspace(0.05, 0.95, 19)
 """Shares of light samples that are tried, 1/2 standing for the numbers of samples of the table."""
 FEW = 0.001
-"""Share of the camera samples whose part of the sum of squares is told."""
+"""Share of the camera samples that count as fireflies, those of the largest squares."""
 
 
 @dataclass(frozen=True)

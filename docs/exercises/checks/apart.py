@@ -1,4 +1,4 @@
-"""Checks a hand-in in a process of its own, whose end, silence or appetite is a verdict and not the end of the class.
+"""Checks a hand-in in a separate process: one that ends, hangs or takes too much memory gets a verdict.
 
 The process has a time limit and a memory limit, an empty working folder, and a hook that refuses what no exercise
 needs: files written elsewhere, the folder of solutions, other processes, the network. That stops carelessness and
