@@ -113,6 +113,15 @@ def test_smallest_error_is_named():
     assert factors[0] == pytest.approx(1 + 2 * least, rel=least) and causes[0].z == pytest.approx(10, rel=0.4)
 
 
+def test_samples_of_one_technique_decide_nothing():
+    """Blocks of pixels in which no BRDF sample could have been a light sample: there is nothing to compare."""
+    scene = dmis.load_scene("cornell", (24, 24))
+    for seed in range(6):
+        diagnosis = dmis.doctor(dmis.samples(scene, spp=16, seed=seed))
+        assert diagnosis.healthy
+        assert not any(test.trusted for test in diagnosis.tests if abs(test.difference) > 1.99)
+
+
 def test_few_samples_decide_nothing():
     """One sample as bright as all others together makes no alarm."""
     table = synthetic(4000)

@@ -139,11 +139,11 @@ def _test(name: str, group: Group, signed: Floats, sizes: Floats) -> Test:
     total = float(d.sum())
     size = float(sizes.sum()) / 2 + TINIEST
     error = np.sqrt(max(squares - total**2 / len(d), TINIEST)) / size
-    # (sum x)^2 / sum x^2 of light samples, and of the rest
+    # (sum x)^2 / sum x^2 of light samples, and of BRDF samples: 0 without any
     square = sizes * sizes
-    light, light_square = float(sizes @ group.is_light), float(square @ group.is_light)
-    rest, rest_square = 2 * size - light, float(square.sum()) - light_square
-    effective = min(light**2 / (light_square + TINIEST), rest**2 / max(rest_square, TINIEST))
+    effective = min(
+        float(sizes @ side) ** 2 / (float(square @ side) + TINIEST) for side in (group.is_light, 1 - group.is_light)
+    )
     skewness = float((d * d) @ d) / squares**1.5
     return Test(name, group.where, total / size, float(error), len(sizes), effective, skewness)
 
