@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pin_preset
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.cli.commands import main
@@ -36,8 +37,9 @@ def test_preset_is_complete(name: str) -> None:
         ({"rule": "thesis:sampler=sobol"}, "preset thesis has sampler"),
         ({"rule": "uniform"}, "preset thesis has techniques"),
         ({"settings": dmis.Settings(integrator="path")}, "a preset takes the place of settings; got preset='thesis'"),
-        ({"preset": "best"}, "preset must be thesis or thesis-shares or None; got 'best'"),
-        ({"preset": ["thesis"]}, "preset must be thesis or thesis-shares or None"),
+        ({"preset": "best"}, "preset must be thesis or thesis-shares or nearest or None; got 'best'"),
+        ({"preset": "nearest", "sampler": "sobol"}, "preset nearest has sampler 'independent' or 'lowdiscrepancy'"),
+        ({"preset": ["thesis"]}, "preset must be thesis or thesis-shares or nearest or None"),
     ],
 )
 def test_pinned_values_are_held(box: dmis.Scene, options: dict, message: str) -> None:
@@ -77,6 +79,24 @@ def test_what_w_is(box: dmis.Scene, rule: str, preset: str | None, weigh: str) -
     for other in ("thesis", "thesis-shares") if preset else (None,):
         stated = dmis.render(box, f"{rule},weigh={weigh}", 16, preset=other)
         np.testing.assert_array_equal(stated.image, default.image)
+
+
+@pytest.mark.parametrize(
+    ("name", "integrator", "samples"), [("teapot-area-light", "direct", 32), ("tt", "auto", 16), ("tt", "path", 2)]
+)
+def test_nearest_takes_numbers_from_the_file(name: str, integrator: str, samples: int) -> None:
+    """Its points are pbrt-v2's; by paths there is one light and one BRDF sample, of a light that the points pick."""
+    settings = dmis.Settings.as_in_file(shared_scene(name, (16, 12)), preset="nearest", integrator=integrator)
+    assert settings == make_settings(preset="nearest", integrator=integrator, shading_samples=samples)
+    assert (settings.sampler, settings.lights, settings.weigh) == ("lowdiscrepancy", "pbrt", "heuristic")
+
+
+def test_nearest_is_thesis_with_other_points(box: dmis.Scene) -> None:
+    """Also with a rule, whose pilot is of independent points."""
+    default = dmis.render(box, "thesis:patch=8", 14, preset="nearest")
+    stated = dmis.render(box, "thesis:patch=8", 14, preset="thesis", sampler="lowdiscrepancy")
+    np.testing.assert_array_equal(stated.image, default.image)
+    assert not np.array_equal(dmis.render(box, "thesis:patch=8", 14, preset="thesis").image, default.image)
 
 
 def test_changed_defaults_are_no_request(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
