@@ -4,6 +4,8 @@ Most run in the process of the tests, see `scripts`. Those that start processes 
 reader, and so do the figures of `test_contact_sheet`.
 """
 
+import csv
+import itertools
 import os
 import re
 import runpy
@@ -11,12 +13,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
 
 from PIL import Image
 from scripts import run_alone, run_script  # noqa: F401  # a fixture
+
+from dmis.examples.gallery import SCENES
 
 ROOT = Path(__file__).parent.parent
 FIGURES = sorted((ROOT / "examples").rglob("plot_*.py"))
@@ -113,11 +118,10 @@ def test_contact_sheet(run, tmp_path):
     [
         ("make_figures", ["--publish", "docs", "--quick"], "default size; got --quick"),
         ("make_figures", ["--publish", "docs", "--scene-dir", "."], "got the scene folder .. Unset DMIS_PBRT_SCENES"),
-        ("thesis/make_score", ["--scene-dir", "."], "got the scene folder .. Unset DMIS_PBRT_SCENES"),
     ],
 )
 def test_other_scenes_are_not_published(script, options, message, tmp_path, monkeypatch):
-    """Pages show figures of the default size, and figures and scores of the scenes that come with dmis."""
+    """Pages show figures of the default size, and of the scenes that come with dmis."""
     script = ROOT / "examples" / f"{script}.py"
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(script), *options])
@@ -127,17 +131,76 @@ def test_other_scenes_are_not_published(script, options, message, tmp_path, monk
     assert not (tmp_path / "docs").exists()
 
 
-def test_scores_are_resumed(run, tmp_path, monkeypatch):
-    """A row for each reading of the thesis; a second run renders nothing, and its tables are the same."""
+@pytest.mark.parametrize("stem", ["fig_3_4_weights", pytest.param("table_4_1", marks=pytest.mark.slow)])
+def test_steps_in_the_cells_are_the_rules(stem, cache, tmp_path, monkeypatch):
+    """What a figure computes in its cells from the pilots is what the library's fit gives."""
+    from dmis.fit.thesis import parabola_minimum
+
+    (script,) = (path for path in FIGURES if path.stem == f"plot_{stem}")
+    monkeypatch.setattr(sys, "argv", [str(script), "--quick", "-o", str(tmp_path / "figure.png")])
+    monkeypatch.setenv("DMIS_CACHE", str(cache))
+    cells = {}
+    run_alone(lambda: cells.update(runpy.run_path(str(script))), script.parent, monkeypatch)
+    fits = cells.get("fits") or {case: (w, None) for case, w in cells["weights"].items()}
+    assert len(fits) == len(cells["variances"]) >= 4
+    for case, (weight, status) in fits.items():
+        expected, cases = parabola_minimum(cells["STRATEGIES"], cells["variances"][case])
+        np.testing.assert_allclose(weight, expected, atol=1e-6)
+        assert status is None or np.array_equal(status, cases)
+
+
+def test_errors_are_resumed(run, tmp_path, monkeypatch):
+    """A row for each render; a second run renders nothing, and more seeds leave the rows of the first."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path))
-    page = tmp_path / "page.md"
-    script = ROOT / "examples" / "thesis" / "make_score.py"
-    readings = ("heuristic-independent-one", "samples-independent-one")
-    printed = run(script, "--seeds", "1", "--large", "1", "--page", page, "--setups", *readings)
-    text = page.read_text("utf-8")
-    assert text.count("| heuristic, independent, one | ") == text.count("| samples, independent, one | ") == 2
-    assert "nan" not in text and text.count(" ± ") == 16
-    assert run(script, "--finished", "--seeds", "1", "--large", "1", "--page", page, "--setups", *readings) == printed
+    script, table = ROOT / "examples" / "thesis" / "make_score.py", tmp_path / "results.csv"
+    arguments = ("--divisor", "64", "--csv", table, "-o", tmp_path / "a.png", "--scenes", "teapot-area-light")
+    assert run(script, *arguments, "--seeds", "1").count(" s\n") == 6
+    first = table.read_text("utf-8")
+    assert run(script, *arguments, "--seeds", "1") == "" and table.read_text("utf-8") == first
+    run(script, *arguments, "--seeds", "2", "--setups", "nearest", "--rules", "balance", "power")
+    rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
+    assert len(rows) == 6 + 3 and set(first.splitlines()) <= set(table.read_text("utf-8").splitlines())
+    assert 0 < sum(float(row["clipped mse"]) for row in rows) < sum(float(row["linear mse"]) for row in rows)
+    assert all(row["linear own"] == row["linear balance"] for row in rows if row["rule"] == "balance")
+
+
+def planted_results(path: Path, blocks: dict[str, np.ndarray]) -> None:
+    """Write a table of results of two seeds with the errors of blocks ``(2, n)`` of each rule, on all scenes."""
+    lines = []
+    for scene, (rule, errors), seed in itertools.product(SCENES, blocks.items(), range(2)):
+        e, balance, tilt = errors[seed], blocks["balance"][seed], blocks["tilt"][seed]
+        moments = [f"{v:.17g}" for v in (e.sum(), (e * e).sum(), (e * balance).sum(), (e * tilt).sum())]
+        seconds = 3 if rule == "balance" else 4
+        lines.append(
+            ",".join(["independent,shipped,4", scene, rule, str(seed), str(e.size), str(seconds), *moments * 2])
+        )
+    fields = ["setup", "scenes", "divisor", "scene", "rule", "seed", "blocks", "seconds"]
+    fields += [
+        f"{measure} {moment}" for measure in ("linear", "clipped") for moment in ("mse", "own", "balance", "tilt")
+    ]
+    path.write_text("\n".join([",".join(fields), *lines]) + "\n", "utf-8")
+
+
+def test_tables_of_planted_errors(run_script, tmp_path):  # noqa: F811
+    """Ratios, intervals, scores and seconds by hand."""
+    rng = np.random.default_rng(3)
+    balance, shares = rng.exponential(1e-5, (2, 2, 50))
+    blocks = {"balance": balance, "tilt": 2 * balance, "shares": shares, "patch 4": balance}
+    planted_results(tmp_path / "results.csv", blocks)
+    script = ROOT / "examples" / "thesis" / "score_tables.py"
+    printed = run_script(script, "--csv", tmp_path / "results.csv", "-o", tmp_path / "a.png")
+    told = np.array([about.equal_samples for about in SCENES.values()])
+    assert "| thesis, equal time × 119 / 122 | 0.957 | 0.975 | 1.125 | 1.267 | 0.091 |" in printed
+    score = np.sqrt((np.log(2 / told) ** 2).mean())
+    ratio = shares.sum() / balance.sum()
+    half = 1.96 * ratio * np.sqrt(((shares / shares.sum() - balance / balance.sum()) ** 2).sum() * 100 / 99)
+    mse = balance.sum() / 2
+    assert f": tilt | {' | '.join(4 * ['2.000 ± 0.000'])} | {score:.3f} ({score:.3f} – {score:.3f}) |" in printed
+    assert (
+        f"| TT | independent, 1/4, 2 seeds | {mse:.2e} ({mse / 8.252e-6:.2g}) | 2.000 ± 0.000 (1.286) | no |"
+        f" {8 / 3:.3f} (1.299) | +33% (+4%) | 2.000 ± 0.000 | {ratio:.3f} ± {half:.3f} |"
+    ) in printed
+    assert f"| patch 4 | {' | '.join(4 * ['1.000 ± 0.000'])} | 0.180 (0.180 – 0.180) |" in printed
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from dmis.examples.gallery import on_cpu, options, spp_in_time
+from dmis.examples.gallery import on_cpu, options
 from dmis.experiment.runs import Run
 
 
@@ -41,17 +41,6 @@ def test_kernel_has_no_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["/lib/ipykernel_launcher.py", "-f", "/run/kernel-1.json"])
     opts, given = options("plot_any", None, seeds={"type": int, "default": 3})
     assert (opts.size, given.seeds) == ("default", 3)
-
-
-@pytest.mark.parametrize(
-    "rule, spp, seconds, overhead, given, expected",
-    [("balance", 100, 10, 0, 5, 50), ("balance", 100, 10, 0, 0.001, 1)]
-    + [("thesis", 128, 13.2, 1, 13.2, 128), ("thesis", 128, 13.2, 1, 1, 7), ("thesis", 128, 13.2, 1, 25.4, 250)],
-)
-def test_spp_in_time(rule, spp, seconds, overhead, given, expected):
-    """Final samples in proportion to the time less that of pilot and fit, and at least one."""
-    run = Run(rule, spp, 0, 0, overhead, 0.0, seconds - overhead, 1.0, 0.1, 1.0)
-    assert spp_in_time(given, [run]) == expected
 
 
 def test_time_of_the_processor():

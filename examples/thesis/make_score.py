@@ -1,33 +1,32 @@
 """
-What w weighs: every reading of the thesis, scored
-==================================================
+The reproduction, measured: errors of two set-ups
+=================================================
 
-The thesis does not say what w weighs: numbers of samples, or the two techniques inside
-the balance heuristic. Nor does it name its points, or its samples per light. This
-script scores every combination on the four scenes of the thesis's Table 4.1, at half of
-its side length, with
+The thesis does not say what w weighs: the two techniques inside the balance heuristic,
+or numbers of samples. Nor does it name its points, its numbers of samples per light,
+or which scenes it renders by paths. This script renders the four scenes of its Table
+4.1 with two set-ups, each with both readings of w:
 
-    score = sqrt(mean over scenes of ln(our ratio / the thesis's ratio)²),
+* **independent**: the preset ``thesis``. Independent points, one light and one BRDF
+  sample, direct light; 122 samples in the final pass. It was fixed before anything was
+  rendered.
+* **nearest**: the preset ``nearest``. pbrt-v2's points, as many samples as the scene
+  file asks for, paths on both killeroo scenes; 128 points in the final pass, because
+  pbrt-v2's sampler rounds 122 up. It was chosen knowing the thesis's errors.
 
-where a ratio is the mean squared error of the rule over that of the balance heuristic,
-over all pixels and channels, with as many samples. A score of 0 is the thesis's table,
-0.1 is off by a tenth. Measure and set-ups were fixed before anything was rendered.
+Squared errors are over all pixels, mean of the channels, against two independent halves
+of a reference: of linear values, and of values clipped to [0, 1].
 
-With independent points few samples are enough, because errors fall as 1 / spp. Sums of
-errors over blocks of pixels are kept, so that an interrupted run continues, and rows
-are printed as far as there are renders.
-
-Set-ups: *numbers* are one light and one BRDF sample, or as many of each as the public
-pbrt-v2 file asks for its light. Points are independent, or pbrt-v2's low-discrepancy
-points, 122 for the final pass. Patches have 16 pixels; in a second column each scene
-has the size of least error. With the numbers of the file, up to 32 samples at a point,
-one seed is rendered, and with low-discrepancy points patches of 16 pixels alone.
+Errors of blocks of pixels are kept, so that an interrupted run continues. A row of the
+table of results (``--csv``) is a render. ``score_tables.py`` makes the tables of
+docs/reproduction.md from that file alone.
 """
 
+import csv
 import itertools
 import sys
-from collections.abc import Sequence
-from datetime import date
+import time
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -35,275 +34,243 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import SCENES, machine, options, replace_table, show
+from common import ROOT, SCENES, options, show
 
 import dmis
 from dmis.base.patches import patch_sum
+from dmis.estimator.settings import make_settings
 from dmis.experiment.metrics import squared_error
 from dmis.experiment.reference import cache_folder
+from dmis.filter import gaussian
 from dmis.fit.registry import make_rule
+from dmis.fit.thesis import Thesis
 
 opts, given = options(
     __file__,
-    "every reading of the thesis, scored",
-    seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
-    setups={
-        "nargs": "+",
-        "help": "only these: weigh-points-numbers, such as heuristic-independent-one",
-    },
-    large={
-        "type": int,
-        "default": 0,
-        "help": "seeds of the best set-ups at the thesis's resolution (default 0)",
-    },
-    pilots={"action": "store_true", "help": "also pilots of four samples a weight"},
-    finished={"action": "store_true", "help": "render nothing"},
-    page={"type": Path, "help": "gets the table between its marks 'score'"},
+    "absolute errors and ratios of the reproduction",
+    setups={"nargs": "+", "default": ["independent", "nearest"], "help": "set-ups"},
+    rules={"nargs": "+", "default": ["balance", "tilt", "shares"], "help": "rules"},
+    scenes={"nargs": "+", "default": list(SCENES), "help": "scenes"},
+    seeds={"type": int, "default": 8, "help": "number of seeds (default 8)"},
+    divisor={"type": int, "default": 4, "help": "of the thesis's side length"},
+    csv={"type": Path, "help": "results (default docs/tables/reproduction.csv)"},
 )
-if opts.scene_dir is not None:
-    sys.exit(
-        "kept errors are named by scenes that come with dmis; got the scene folder"
-        f" {opts.scene_dir}. Unset DMIS_PBRT_SCENES, and leave out --scene-dir."
-    )
-PATCHES = (4, 8, 16, 32)
-BLOCK = 32
-"""Side of the blocks of pixels that the bootstrap draws."""
-SPP = 128
-"""Camera samples of all passes."""
-LIGHT_SAMPLES = {
-    "teapot-area-light": 16,
-    "killeroo-diffuse": 4,
-    "killeroo-gold": 4,
-    "tt": 8,
+CSV = given.csv or ROOT / "docs" / "tables" / "reproduction.csv"
+BLOCK = 16
+"""Side of the blocks of pixels whose errors are taken as independent."""
+SPP, PILOT = 128, 6
+"""Camera samples of the balance heuristic, and of the rule's pilot."""
+BY_PATHS = "killeroo-diffuse", "killeroo-gold"
+"""Scenes that the set-up ``nearest`` renders by paths."""
+RULES = {
+    "balance": "balance",
+    "tilt": "thesis:patch=16,weigh=heuristic",
+    "shares": "thesis:patch=16,weigh=samples",
+    "power": "balance:combiner=power",
 }
-"""``nsamples`` of the public pbrt-v2 files; KILLEROO DIFFUSE has no file and takes that
-of KILLEROO GOLD.
-"""
-WEIGHS, POINTS = ("heuristic", "samples"), ("independent", "lowdiscrepancy")
-NUMBERS = ("one", "file")
-SETUPS = given.setups or [
-    "-".join(s) for s in itertools.product(WEIGHS, POINTS, NUMBERS)
-]
-MEASURED = {("independent", "one"): 32, ("independent", "file"): 8}
-"""Camera samples of a final pass whose error is known to fall as 1 / spp."""
-SHRINK = {"independent": 2, "lowdiscrepancy": 4}
-"""Divisors of the thesis's side length by points: the second take whole renders."""
-FOLDER = cache_folder() / "score"
-DRAWS = 2000
-"""Number of draws of the bootstrap."""
+"""Rules by the names of the table."""
+REFERENCE_SPP = {"direct": 1024, "path": 512}
+"""Camera samples of each half of a reference, where its sides are a quarter of the
+thesis's; an eighth of them at the thesis's size, which has sixteen times the pixels,
+and half of them for the teapot, whose error is in few pixels."""
 
 
-# %%
-# Renders, made once.
-def kept(name: str, size: str, what: str, make) -> np.ndarray:
-    """Return the array of a file, made and kept at the first call."""
-    path = FOLDER / f"{name}-{size}-{what}.npy"
-    if not path.exists():
-        if given.finished:
-            raise FileNotFoundError(path)
-        FOLDER.mkdir(parents=True, exist_ok=True)
-        np.save(path, make())
-    return np.load(path)
-
-
+@dataclass(frozen=True)
 class Setup:
-    """One reading of the thesis for one scene and seed."""
+    """What the thesis leaves open about its renders."""
 
-    def __init__(self, setup: str, name: str, seed: int, shrink: int = 0) -> None:
-        self.weigh, self.points, self.numbers = setup.split("-")
-        self.name, self.seed = name, seed
-        self.shrink = opts.pick(32, shrink or SHRINK[self.points])
-        width, height = SCENES[name].size
-        self.resolution = round(width / self.shrink), round(height / self.shrink)
+    points: str  # independent or lowdiscrepancy
+    numbers: str  # one light and one BRDF sample, or those of the scene file
+    by_paths: tuple[str, ...] = ()
 
-    def render(self, rule: str, spp: int) -> dmis.Result:
-        """Render with the settings of this reading."""
-        lights = LIGHT_SAMPLES[self.name] if self.numbers == "file" else 1
-        return dmis.render(
-            self.scene(),
-            rule,
-            spp,
-            seed=self.seed,
-            preset="thesis",
-            integrator="direct",
-            sampler=self.points,
-            shading_samples=2 * lights,
-            parallel=opts.threads,
-            progress=show(f"{self.name}, {rule}"),
+    def settings(self, scene: dmis.Scene, name: str) -> dmis.Settings:
+        """Return the settings of a scene, which has this name in the thesis."""
+        options = {
+            "preset": "nearest",
+            "sampler": self.points,
+            "integrator": "path" if name in self.by_paths else "direct",
+        }
+        if self.numbers == "file":
+            return dmis.Settings.as_in_file(scene, **options)
+        return make_settings(**options)
+
+    def final(self) -> int:
+        """Return the camera samples of the rule's final pass."""
+        return SPP - PILOT if self.points == "independent" else SPP
+
+
+SETUPS = {
+    "independent": Setup("independent", "one"),
+    "file": Setup("independent", "file"),
+    "points": Setup("lowdiscrepancy", "one"),
+    "points-file": Setup("lowdiscrepancy", "file"),
+    "nearest": Setup("lowdiscrepancy", "file", BY_PATHS),
+}
+"""The two set-ups of the page, and what is between them."""
+
+
+@dataclass(frozen=True)
+class Printed(Thesis):
+    """The thesis's rule with Eq. 3.5 as it is printed, clipped, where dmis takes the
+    best pilot because the parabola is not convex."""
+
+    def _weights(self, w, y, area):
+        raw = np.clip(
+            (3 * y[0] - 4 * y[1] + y[2]) / (4 * (y[0] + y[2] - 2 * y[1])), 0, 1
         )
+        raw = np.where(np.isfinite(raw), raw, 0.5)
+        return gaussian(raw, self.sigma, self.size // 2), raw, np.zeros(raw.shape, int)
 
-    def scene(self) -> dmis.Scene:
-        """Return the scene at the size of this reading."""
-        return scene_of(self.name, self.shrink)
 
-    def blocks(self, options: Sequence[str]) -> np.ndarray:
-        """Return the errors of the balance heuristic and of the rule with each of the
-        options, sums over blocks, ``(1 + options, blocks)``.
-        """
-        rules = [f"thesis:{words},weigh={self.weigh}" for words in options]
-        return np.stack([self.errors("balance"), *map(self.errors, rules)])
+CHOICES = {
+    "patch 4": "thesis:patch=4",
+    "patch 8": "thesis:patch=8",
+    "patch 32": "thesis:patch=32",
+    "pilots of 4": "thesis:spp=4",
+    "sigma 0.7": "thesis:sigma=0.7",
+    "sigma 1.25": "thesis:sigma=1.25",
+    "sigma 2": "thesis:sigma=2",
+    "no filter": "thesis:filter=none",
+    "mean of RGB": "thesis:channels=rgb",
+    "Eq. 3.5 as printed": Printed(),
+}
+"""Choices of dmis where the thesis is silent, as other rules; `tilt` has the others."""
 
-    def errors(self, rule: str) -> np.ndarray:
-        """Return the squared errors of a rule, sums over blocks, ``(blocks,)``."""
-        pilot = make_rule(rule).pilot_samples(SPP)
-        final = measured = SPP - pilot
-        if self.shrink > 1:
-            measured = MEASURED.get((self.points, self.numbers), final)
 
-        def make() -> np.ndarray:
-            result = self.render(rule, pilot + measured)
-            reference = reference_of(self.name, self.shrink)
-            error = squared_error(result.image, reference) * (measured / final)
-            return patch_sum(error, BLOCK).astype(np.float32)
+# %%
+# Renders: sums of errors over blocks of pixels, and CPU seconds, made once.
+@dataclass(frozen=True)
+class Render:
+    """A render of the table."""
 
-        what = f"{self.points}-{self.numbers}-{rule}-{measured}-{self.seed}"
-        return kept(self.name, "{}x{}".format(*self.resolution), what, make).ravel()
+    setup: str
+    scene: str
+    rule: str
+    seed: int
+
+    @property
+    def file(self) -> Path:
+        """File of the sums."""
+        scenes = "original" if opts.scene_dir else "shipped"
+        words = self.setup, scenes, given.divisor, self.scene, self.rule, self.seed
+        name = "-".join(map(str, words)).replace(" ", "_")
+        return cache_folder() / "reproduction" / f"{name}.npz"
+
+    def make(self) -> None:
+        """Render, and keep the errors: linear and clipped, ``(2, blocks)``, divided by
+        the number of pixels, so that they add up to the mean squared error."""
+        setup, scene = SETUPS[self.setup], scene_of(self.scene)
+        settings = setup.settings(scene, self.scene)
+        final = SPP if self.rule in ("balance", "power") else setup.final()
+        rule = RULES[self.rule] if self.rule in RULES else CHOICES[self.rule]
+        reference = reference_of(self.scene, settings.integrator)
+        begin = time.process_time()
+        result = dmis.render(
+            scene,
+            rule,
+            final + make_rule(rule).pilot_samples(SPP),
+            seed=self.seed,
+            settings=settings,
+            parallel=opts.threads,
+            progress=show(f"{self.scene}, {self.setup}, {self.rule}, {self.seed}"),
+        )
+        seconds = time.process_time() - begin
+        three = result.image, reference.first, reference.second
+        clipped = [np.clip(image, 0, 1) for image in three]
+        errors = np.stack([squared_error(*three), squared_error(*clipped)])
+        sums = patch_sum(errors.astype(np.float64), BLOCK) / errors[0].size
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(self.file, seconds=seconds, sums=sums.reshape(2, -1))
 
 
 @cache
-def scene_of(name: str, shrink: int) -> dmis.Scene:
-    """Return a scene at the thesis's side length over `shrink`."""
-    return opts.scene(name, shrink)
+def scene_of(name: str) -> dmis.Scene:
+    """Return a scene at the chosen size; the size of TT if it is not the thesis's."""
+    if name in SCENES:
+        return opts.scene(name, given.divisor)
+    size = [round(side / given.divisor) for side in SCENES["tt"].size]
+    return dmis.load_scene(name, resolution=size)
 
 
 @cache
-def reference_of(name: str, shrink: int) -> dmis.Reference:
+def reference_of(name: str, integrator: str) -> dmis.Reference:
     """Return the reference of a scene."""
-    scene, progress = scene_of(name, shrink), show(f"reference of {name}")
-    settings = dmis.Settings(integrator="direct")
+    fewer = 1 if given.divisor > 1 else 2 if name.startswith("teapot") else 8
     return dmis.make_reference(
-        scene,
-        opts.pick(256, 256 if shrink > 1 else 64),
-        settings=settings,
+        scene_of(name),
+        REFERENCE_SPP[integrator] // fewer,
+        integrator=integrator,
         parallel=opts.threads,
-        progress=progress,
+        progress=show(f"reference of {name}, {integrator}"),
     )
 
 
-# %%
-# The score of a set-up, with the interval of a bootstrap over seeds and blocks. Set-ups
-# of equal sizes draw the same seeds and blocks, so that differences are paired.
-def draws(data: list[np.ndarray]) -> np.ndarray:
-    """Return the ratio of each scene and its draws, ``(scenes, 1 + DRAWS)``, from the
-    errors of balance and rule in the blocks, ``(seeds, 2, blocks)`` each.
-    """
-    ratios = []
-    for number, pair in enumerate(data):
-        rng = np.random.default_rng(number)
-        seeds, _, count = pair.shape
-        drawn = np.zeros((1 + DRAWS, 2))
-        drawn[0] = pair.sum(axis=(0, 2))
-        for k in range(1, 1 + DRAWS):
-            chosen = pair[rng.integers(seeds, size=seeds)]
-            drawn[k] = chosen[:, :, rng.integers(count, size=count)].sum(axis=(0, 2))
-        ratios.append(drawn[:, 1] / drawn[:, 0])
-    return np.array(ratios)
+FIELDS = ["setup", "scenes", "divisor", "scene", "rule", "seed", "blocks", "seconds"]
+MEASURES = "linear", "clipped"
+MOMENTS = "mse", "own", "balance", "tilt"
+FIELDS += [f"{measure} {moment}" for measure in MEASURES for moment in MOMENTS]
+"""Columns of the table of results. With e the errors of the blocks of a render, which
+add up to its mean squared error: Σ e² (own), and Σ e e' with those of the balance
+heuristic and of the tilt at the same seed. Intervals of ratios come from these."""
 
 
-def scores(ratios: np.ndarray) -> np.ndarray:
-    """Return the scores of ratios ``(scenes, ...)``."""
-    told = np.array([about.equal_samples for about in SCENES.values()])
-    return np.sqrt((np.log(ratios / told[:, None]) ** 2).mean(axis=0))
-
-
-def publish(marks: str, about: str, lines: list[str]) -> None:
-    """Print a table, and put it into the page."""
-    about = f"Made on {date.today()} on {machine()}: {about}"
-    print("", about, "", *lines, sep="\n", flush=True)
-    if given.page is not None:
-        replace_table(given.page, marks, about, "", *lines)
-
-
-def interval(values: np.ndarray) -> str:
-    """Return a value, the first, and the 95 % interval of its draws, the others."""
-    low, high = np.quantile(values[1:], (0.025, 0.975))
-    return f"{values[0]:.3f} ({low:.3f} – {high:.3f})"
-
-
-def rendered(setup: str, words: Sequence[str], seeds: int, shrink: int) -> list | None:
-    """Return the errors of each scene with each of the rule's options, ``(seeds, 1 +
-    options, blocks)``; None if one of them is not finished.
-    """
-    try:
-        return [
-            np.stack([Setup(setup, s, k, shrink).blocks(words) for k in range(seeds)])
-            for s in SCENES
-        ]
-    except FileNotFoundError:
-        return None
-
-
-def row(
-    label: str, setup: str, errors: list[np.ndarray], shrink: int = 0
-) -> tuple[str, np.ndarray]:
-    """Return the line of errors ``(seeds, 2, blocks)`` of each scene, and its score."""
-    ratios, cells = draws(errors), []
-    for name, error, ratio in zip(SCENES, errors, ratios, strict=True):
-        width, height = Setup(setup, name, 0, shrink).resolution
-        mse = error[:, 0].sum() / len(error) / (width * height)
-        cells.append(f"{ratio[0]:.3f} ± {1.96 * ratio[1:].std():.3f} ({mse:.1e})")
-    score = scores(ratios)
-    return f"| {label} | {' | '.join(cells)} | {interval(score)} |", score
-
-
-def header(*more: str) -> list[str]:
-    """Return the head of a table, and the row of the thesis."""
-    told = [f"{about.equal_samples:.3f}" for about in SCENES.values()]
-    return [
-        f"| weigh, points, numbers | {' | '.join([*SCENES, 'score', *more])} |",
-        "|---" * (2 + len(SCENES) + len(more)) + "|",
-        f"| thesis | {' | '.join([*told, '0', *[''] * len(more)])} |",
+def row_of(render: Render) -> dict[str, object]:
+    """Return the row of a render that has been made."""
+    made = np.load(render.file)
+    others = [
+        np.load(replace(render, rule=rule).file)["sums"]
+        if replace(render, rule=rule).file.exists()
+        else np.full_like(made["sums"], np.nan)
+        for rule in ("balance", "tilt")
     ]
+    row: dict[str, object] = {
+        "setup": render.setup,
+        "scenes": "original" if opts.scene_dir else "shipped",
+        "divisor": given.divisor,
+        "scene": render.scene,
+        "rule": render.rule,
+        "seed": render.seed,
+        "blocks": made["sums"].shape[1],
+        "seconds": f"{made['seconds']:.1f}",
+    }
+    for k, measure in enumerate(MEASURES):
+        e = made["sums"][k]
+        values = [e.sum(), *((e * other[k]).sum() for other in (made["sums"], *others))]
+        pairs = zip(MOMENTS, values, strict=True)
+        row |= {f"{measure} {moment}": f"{v:.6g}" for moment, v in pairs}
+    return row
 
 
-lines, found = header("patches of least error", "their score"), {}
-for setup in SETUPS:
-    seeds = 1 if setup.endswith("file") else given.seeds
-    patches = (16,) if setup.endswith("lowdiscrepancy-file") else PATCHES
-    errors = rendered(setup, [f"patch={p}" for p in patches], seeds, 0)
-    if errors is None:
-        continue
-    words = setup.replace("-", ", ")
-    of_16 = [e[:, [0, 1 + patches.index(16)]] for e in errors]
-    line, found[setup] = row(words, setup, of_16)
-    best = [1 + int(e.sum(axis=(0, 2))[1:].argmin()) for e in errors]
-    own = scores(draws([e[:, [0, k]] for e, k in zip(errors, best, strict=True)]))
-    sizes = ", ".join(str(patches[k - 1]) for k in best)
-    cells = ("–", "–") if len(patches) == 1 else (sizes, interval(own))
-    lines.append(f"{line} {' | '.join(cells)} |")
-    print(lines[-1], flush=True)
-about = f"{given.seeds} seeds at half of the thesis's side length"
-smaller = "; low-discrepancy points at a quarter, the file's numbers with one seed"
-publish("score", f"{about}{smaller}. In brackets the MSE of balance.", lines)
+def write_rows(rows: list[dict[str, object]]) -> None:
+    """Put rows into the table of results, in the place of those of the same renders."""
+    if CSV.exists():
+        with open(CSV, newline="", encoding="utf-8") as file:
+            rows = [*csv.DictReader(file), *rows]
+    of_renders = {tuple(str(row[f]) for f in FIELDS[:6]): row for row in rows}
+    CSV.parent.mkdir(parents=True, exist_ok=True)
+    with open(CSV, "w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, FIELDS, lineterminator="\n")
+        table.writeheader()
+        table.writerows(of_renders[key] for key in sorted(of_renders))
+
 
 # %%
-# Pilots of two and of four samples for each of the three weights.
-lines = header()
-for weigh in WEIGHS if given.pilots else ():
-    for words in ("patch=16", "patch=16,spp=4"):
-        setup = f"{weigh}-independent-one"
-        errors = rendered(setup, [words], given.seeds, 0)
-        if errors is not None:
-            lines.append(row(f"{setup}, {words}".replace("-", ", "), setup, errors)[0])
-if given.pilots:
-    publish("pilots", f"{about}.", lines)
-
-# %%
-# The verdict: the best set-up of each reading, at the thesis's resolution.
-lines, final = header(), {}
-for weigh in WEIGHS if given.large else ():
-    tried = [setup for setup in found if setup.startswith(weigh)]
-    if not tried:
-        continue
-    setup = min(tried, key=lambda setup: found[setup][0])
-    errors = rendered(setup, ["patch=16"], given.large, 1)
-    if errors is not None:
-        line, final[weigh] = row(setup.replace("-", ", "), setup, errors, 1)
-        lines.append(line)
-if len(final) == len(WEIGHS):
-    word = "seed" if given.large == 1 else "seeds"
-    difference = final["heuristic"] - final["samples"]
-    lines += ["", f"Score of `heuristic` minus `samples`: {interval(difference)}."]
-    publish(
-        "verdict", f"{given.large} {word} at the thesis's resolution, patch 16.", lines
+# All seeds of one come before the next of another, so that a part is of use.
+wanted = itertools.product(range(given.seeds), given.setups, given.scenes, given.rules)
+for seed, setup, scene, rule in wanted:
+    render = Render(setup, scene, rule, seed)
+    if not render.file.exists():
+        render.make()
+        row = row_of(render)
+        errors = ", ".join(f"{m} {float(row[f'{m} mse']):.3e}" for m in MEASURES)
+        print(
+            f"{setup} {scene} {rule} {seed}: {errors}, {row['seconds']} s", flush=True
+        )
+made = [
+    render
+    for setup, scene, rule, seed in itertools.product(
+        SETUPS, (*SCENES, "tt-overcast"), [*RULES, *CHOICES], range(100)
     )
+    if (render := Render(setup, scene, rule, seed)).file.exists()
+]
+write_rows([row_of(render) for render in made])

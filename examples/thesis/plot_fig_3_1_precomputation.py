@@ -34,7 +34,12 @@ STRATEGIES = {
 scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in NAMES}
 pilots = {
     (name, w): dmis.render(
-        scene, f"fixed:{w},weigh=heuristic", 2, seed=k, preset="thesis"
+        scene,
+        f"fixed:{w},weigh=heuristic",
+        2,
+        seed=k,
+        preset="thesis",
+        integrator=SCENES[name].integrator,
     )
     for name, scene in scenes.items()
     for k, w in enumerate(STRATEGIES, 1)
@@ -57,7 +62,7 @@ for (name, w), y in variances.items():
 # %%
 # The teapot's pilots, their variances by patch, and the pilots of the two killeroo
 # scenes: BRDF sampling sees the gold's reflections of the light, and hardly finds the
-# light from the walls.
+# light from the walls. KILLEROO GOLD is rendered by paths, as in Figure 4.1.
 figure, axes = print_canvas(4, 3, 7.7, height_ratios=[1, 1, 0.75, 0.75])
 teapot = [variances[NAMES[0], w] for w in STRATEGIES]
 scale = LogNorm(1e-4, plot.shared_scale(teapot, 0.999))

@@ -2,48 +2,129 @@
 Figure 3.2: error against weight, TEAPOT AREA LIGHT
 ===================================================
 
-How does the error of a patch depend on the weight w? That depends on what w weighs.
-As a share, w divides the samples between light and BRDF sampling. As a tilt, it leaves
-one sample to each, and tilts the heuristic that combines them. The thesis has curves of
-different shapes on the teapot: by tilts one of these two patches has its minimum
-inside, the other at the end. By shares both fall to w = 1.
+How does the error of a patch depend on the weight w? The thesis has two curves of
+different shapes on the teapot, and fits a parabola to three points of each. Here are
+such a patch on the board and one on the pot, their curves, their parabolas, and the
+weights that pilots of two samples find.
 """
 
-from dmis.examples.gallery import options
-from dmis.examples.patch_curves import draw_curves, measure_patch, print_curves
+import numpy as np
+
+import dmis
+from dmis import plot
+from dmis.base.color import luminance
+from dmis.examples.gallery import options, print_canvas
 
 opts, _ = options("plot_fig_3_2_mse_curve_teapot", __doc__)
+SPP = opts.pick(64, 2048)
+PILOTS = opts.pick(5, 40)
+PATCH = opts.pick(4, 16)
 
 # %%
-# Red: the board under the spout, next to the lamp. Blue: the board in front of it.
+# **Two patches**, given by their top left corners in shares of the image. Red: the
+# board in front of the spout. Blue: the lid of the pot.
 scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
-corners = {"red": (0.4, 0.92), "blue": (0.6, 0.8)}  # top left, in shares of the image
+CORNERS = {"red": (0.6, 0.8), "blue": (0.235, 0.6)}
+patches = {}
+for colour, corner in CORNERS.items():
+    top, left = np.round(corner * np.array(scene.camera.resolution[::-1])).astype(int)
+    patches[colour] = (top, top + PATCH), (left, left + PATCH)
+crops = {colour: scene.crop(*patch) for colour, patch in patches.items()}
+
 
 # %%
-# Each patch is rendered alone with fixed weights, 122 samples per pixel, again and
-# again; ``measure_patch`` in ``patch_curves.py`` beside this script goes step by step.
-# A direction of contribution f counts as f / (w p_l + (1 - w) p_b), times w or 1 - w
-# for a tilt. The error at w = 0, 1/2 and 1 gives the parabola of the thesis (Eqs.
-# 3.2-3.5), whose minimum is the weight. The rule itself has less: pilots of two samples
-# per pixel, whose weights scatter.
+# **The variance of a patch at w.** A camera sample takes one light and one BRDF sample.
+# With p_w = w p_l + (1 - w) p_b, a light sample of contribution f counts w f / p_w, a
+# BRDF sample (1 - w) f / p_w. Sample variances of the pixels are averaged over the
+# patch; no reference is needed, because MSE = Var (Eq. 3.1). `Result.variance` is that
+# of the mean of `spp` samples.
+def variance(colour, w, spp, seed):
+    """Return the variance of a camera sample in a patch, which is rendered alone."""
+    rule = f"fixed:{w:g},weigh=heuristic"
+    result = dmis.render(crops[colour], rule, spp, seed=seed, preset="thesis")
+    return spp * luminance(result.variance).mean()
+
+
+# %%
+# **The curve**: many samples at eleven weights.
+W = np.linspace(0, 1, 11)
 curves = {
-    colour: measure_patch(scene, opts, corner) for colour, corner in corners.items()
+    colour: np.array([variance(colour, w, SPP, k) for k, w in enumerate(W)])
+    for colour in patches
 }
-print_curves(curves)
 
 # %%
-# Bars are ± 2 standard errors. The parabola itself is not drawn: V(0) is so large that
-# its minimum is negative, which no error is, and near w = 3/4 whatever the curve does.
-figure, axis = draw_curves(scene, opts, curves)
-tilt = {colour: curve.error["heuristic"] for colour, curve in curves.items()}
-share = {colour: curve.error["samples"] for colour, curve in curves.items()}
+# **Three points and the fit.** The parabola a₂ w² + a₁ w + a₀ through the variances at
+# w = 0, 1/2, 1 (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5).
+THREE = np.array([0, 0.5, 1])
+points = {colour: curve[[0, 5, 10]] for colour, curve in curves.items()}
+parabolas = {colour: np.polyfit(THREE, y, 2) for colour, y in points.items()}
+
+
+def minimum(y):
+    """Return the minimum inside [0, 1], or the best of the three if there is none."""
+    a2, a1, _ = np.polyfit(THREE, y, 2)
+    return np.clip(-a1 / (2 * a2), 0, 1) if a2 > 0 else THREE[np.argmin(y)]
+
+
+# %%
+# **What the rule has**: the same three points, by a pilot of two samples per pixel.
+learned = {
+    colour: [
+        minimum([variance(colour, w, 2, 3 * k + j) for j, w in enumerate(THREE)])
+        for k in range(PILOTS)
+    ]
+    for colour in patches
+}
+for colour, y in points.items():
+    low, middle, high = np.quantile(learned[colour], (0, 0.5, 1))
+    curve = curves[colour] / y[1]
+    print(f"{colour:4} V(w) / V(1/2): {np.round(curve, 2)}")
+    print(
+        f"{colour:4} parabola {minimum(y):.2f}, least variance at"
+        f" {W[curve.argmin()]:.1f}, pilots {middle:.2f} ({low:.2f} to {high:.2f})"
+    )
+
+# %%
+# Left: the patches. Middle and right: curves and parabolas; below them the weights of
+# pilots. A parabola through a high V(0) dips below 0, where no variance is, and has its
+# minimum near w = 3/4 whatever the curve does.
+figure = print_canvas(1, 1, 3.1)[0]
+figure.clear()
+axes = figure.subplot_mosaic(
+    [["image", "red", "blue"], ["image", "red pilots", "blue pilots"]],
+    height_ratios=[4, 1],
+)
+image = dmis.render(scene, "balance", opts.pick(4, 32), seed=1, preset="thesis").image
+plot.picture(axes["image"], image)
+axes["image"].set_axis_off()
+fine = np.linspace(0, 1, 200)
+for colour, name in {"red": "board", "blue": "pot"}.items():
+    plot.mark(axes["image"], patches[colour], f"tab:{colour}")
+    axis, below = axes[colour], axes[f"{colour} pilots"]
+    unit = points[colour][1]
+    axis.plot(W, curves[colour] / unit, "o-", color=f"tab:{colour}", label="variance")
+    axis.plot(fine, np.polyval(parabolas[colour], fine) / unit, "k--", label="parabola")
+    axis.plot(THREE, points[colour] / unit, "ks", label="its three points")
+    axis.axvline(minimum(points[colour]), color="0.7", zorder=0, label="its minimum")
+    axis.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+    dip = np.polyval(parabolas[colour], minimum(points[colour])) / unit
+    axis.set(ylim=(min(1.2 * dip, -0.5), max(4, -1.2 * dip)), title=name)
+    axis.tick_params(labelbottom=False)
+    axis.sharex(below)
+    below.hist(learned[colour], bins=np.linspace(0, 1, 41), color=f"tab:{colour}")
+    below.set(xlabel="w", xticks=[0, 0.25, 0.5, 0.75, 1])
+axes["red"].set_ylabel("variance / that at w = ½")
+axes["red pilots"].set_ylabel("pilots")
+handles, labels = axes["red"].get_legend_handles_labels()
+figure.legend(handles, labels, loc="outside lower center", ncols=4)
+tops = {colour: y[0] / y[1] for colour, y in points.items()}
 opts.save_for_print(
     figure,
     "Figure 3.2: error against weight, TEAPOT AREA LIGHT",
-    f"""MSE of two patches over that at w = ½. Tilted, red has its minimum inside,
-    {tilt["red"].min():.2f}, and {tilt["red"][-1]:.2f} at w = 1; blue falls to
-    {tilt["blue"][-1]:.2f}. By shares both fall, to {share["red"][-1]:.2f} and
-    {share["blue"][-1]:.2f}. Below: weights of the tilt's exact parabola and of
-    pilots.""",
-    panel=axis,
+    f"""Variance of a sample in two patches, over that at w = ½; at w = 0 it is
+    {tops["red"]:.0f} (board) and {tops["blue"]:.0f} (pot). The parabola through three
+    points dips below 0. Grey lines: its minimum. Below: weights by {PILOTS} pilots of
+    two samples per pixel.""",
+    panel=axes["red"],
 )

@@ -2,37 +2,130 @@
 Figure 3.3: error against weight, KILLEROO GOLD
 ===============================================
 
-The measurement of Figure 3.2 in a scene with two opposite surfaces. On the gold, BRDF
-sampling finds the reflection of the light, and the error grows with the weight of light
-sampling. On the diffuse floor the error falls with the share of light samples, and a
-tilt beyond 1/2 changes nothing.
+The measurement of Figure 3.2 in a scene with two opposite surfaces, rendered by paths
+as in Figure 4.1. On the gold, BRDF sampling finds the reflection of the light, and the
+variance grows with the weight of light sampling. On the floor both ends are bad: BRDF
+samples rarely find the light, and light samples miss it where paths meet the gold next.
+Most pilots of two samples have no such path, and say that only w = 0 is bad.
 """
 
-from dmis.examples.gallery import options
-from dmis.examples.patch_curves import draw_curves, measure_patch, print_curves
+import numpy as np
+
+import dmis
+from dmis import plot
+from dmis.base.color import luminance
+from dmis.examples.gallery import options, print_canvas
 
 opts, _ = options("plot_fig_3_3_mse_curve_killeroo_gold", __doc__)
+SPP = opts.pick(64, 8192)
+PILOTS = opts.pick(5, 40)
+PATCH = opts.pick(4, 16)
 
 # %%
-# Red: a horn, with the reflection of the light. Blue: the floor, at the edge of the
-# shadow. The steps are those of Figure 3.2.
+# **Two patches**, given by their top left corners in shares of the image. Red: a horn,
+# with the reflection of the light. Blue: the floor, at the edge of the shadow.
 scene = opts.scene("killeroo-gold", opts.pick(16, 2, 1))
-corners = {"red": (0.125, 0.374), "blue": (0.936, 0.281)}
-curves = {
-    colour: measure_patch(scene, opts, corner) for colour, corner in corners.items()
-}
-print_curves(curves)
+CORNERS = {"red": (0.125, 0.374), "blue": (0.936, 0.281)}
+PATHS = {"preset": "thesis", "integrator": "path"}
+patches = {}
+for colour, corner in CORNERS.items():
+    top, left = np.round(corner * np.array(scene.camera.resolution[::-1])).astype(int)
+    patches[colour] = (top, top + PATCH), (left, left + PATCH)
+crops = {colour: scene.crop(*patch) for colour, patch in patches.items()}
+
 
 # %%
-# The picture with the two patches, their curves, and the weights of pilots.
-figure, axis = draw_curves(scene, opts, curves)
-red, blue = (curves[colour].error for colour in ("red", "blue"))
+# **The variance of a patch at w.** A camera sample takes one light and one BRDF sample.
+# With p_w = w p_l + (1 - w) p_b, a light sample of contribution f counts w f / p_w, a
+# BRDF sample (1 - w) f / p_w. Sample variances of the pixels are averaged over the
+# patch; no reference is needed, because MSE = Var (Eq. 3.1). `Result.variance` is that
+# of the mean of `spp` samples.
+def variance(colour, w, spp, seed):
+    """Return the variance of a camera sample in a patch, which is rendered alone."""
+    rule = f"fixed:{w:g},weigh=heuristic"
+    result = dmis.render(crops[colour], rule, spp, seed=seed, **PATHS)
+    return spp * luminance(result.variance).mean()
+
+
+# %%
+# **The curve**: many samples at eleven weights.
+W = np.linspace(0, 1, 11)
+curves = {
+    colour: np.array([variance(colour, w, SPP, k) for k, w in enumerate(W)])
+    for colour in patches
+}
+
+# %%
+# **Three points and the fit.** The parabola a₂ w² + a₁ w + a₀ through the variances at
+# w = 0, 1/2, 1 (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5).
+THREE = np.array([0, 0.5, 1])
+points = {colour: curve[[0, 5, 10]] for colour, curve in curves.items()}
+parabolas = {colour: np.polyfit(THREE, y, 2) for colour, y in points.items()}
+
+
+def minimum(y):
+    """Return the minimum inside [0, 1], or the best of the three if there is none."""
+    a2, a1, _ = np.polyfit(THREE, y, 2)
+    return np.clip(-a1 / (2 * a2), 0, 1) if a2 > 0 else THREE[np.argmin(y)]
+
+
+# %%
+# **What the rule has**: the same three points, by a pilot of two samples per pixel.
+learned = {
+    colour: [
+        minimum([variance(colour, w, 2, 3 * k + j) for j, w in enumerate(THREE)])
+        for k in range(PILOTS)
+    ]
+    for colour in patches
+}
+for colour, y in points.items():
+    low, middle, high = np.quantile(learned[colour], (0, 0.5, 1))
+    curve = curves[colour] / y[1]
+    print(f"{colour:4} V(w) / V(1/2): {np.round(curve, 2)}")
+    print(
+        f"{colour:4} parabola {minimum(y):.2f}, least variance at"
+        f" {W[curve.argmin()]:.1f}, pilots {middle:.2f} ({low:.2f} to {high:.2f})"
+    )
+
+# %%
+# Left: the patches. Middle and right: curves and parabolas; below them the weights of
+# pilots.
+figure = print_canvas(1, 1, 3.1)[0]
+figure.clear()
+axes = figure.subplot_mosaic(
+    [["image", "red", "blue"], ["image", "red pilots", "blue pilots"]],
+    height_ratios=[4, 1],
+)
+image = dmis.render(scene, "balance", opts.pick(4, 64), seed=1, **PATHS).image
+plot.picture(axes["image"], image)
+axes["image"].set_axis_off()
+fine = np.linspace(0, 1, 200)
+for colour, name in {"red": "gold", "blue": "floor"}.items():
+    plot.mark(axes["image"], patches[colour], f"tab:{colour}")
+    axis, below = axes[colour], axes[f"{colour} pilots"]
+    unit = points[colour][1]
+    axis.plot(W, curves[colour] / unit, "o-", color=f"tab:{colour}", label="variance")
+    axis.plot(fine, np.polyval(parabolas[colour], fine) / unit, "k--", label="parabola")
+    axis.plot(THREE, points[colour] / unit, "ks", label="its three points")
+    axis.axvline(minimum(points[colour]), color="0.7", zorder=0, label="its minimum")
+    axis.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+    dip = np.polyval(parabolas[colour], minimum(points[colour])) / unit
+    axis.set(ylim=(min(1.2 * dip, -0.5), max(4, -1.2 * dip)), title=name)
+    axis.tick_params(labelbottom=False)
+    axis.sharex(below)
+    below.hist(learned[colour], bins=np.linspace(0, 1, 41), color=f"tab:{colour}")
+    below.set(xlabel="w", xticks=[0, 0.25, 0.5, 0.75, 1])
+axes["red"].set_ylabel("variance / that at w = ½")
+axes["red pilots"].set_ylabel("pilots")
+handles, labels = axes["red"].get_legend_handles_labels()
+figure.legend(handles, labels, loc="outside lower center", ncols=4)
+ends = {colour: (y[0] / y[1], y[2] / y[1]) for colour, y in points.items()}
 opts.save_for_print(
     figure,
     "Figure 3.3: error against weight, KILLEROO GOLD",
-    f"""As Figure 3.2. On the gold (red) BRDF sampling is better: by shares the error is
-    {red["samples"][0]:.2f} at w = 0 and {red["samples"][-1]:.2f} at w = 1; by tilts its
-    minimum is inside. On the floor (blue) light sampling is, by shares:
-    {blue["samples"][0]:.0f} and {blue["samples"][-1]:.2f}.""",
-    panel=axis,
+    f"""Variance of a sample by paths, over that at w = ½. On the gold it is
+    {ends["red"][0]:.1f} at w = 0 and {ends["red"][1]:.1f} at w = 1, on the floor
+    {ends["blue"][0]:.0f} and {ends["blue"][1]:.0f}. Most of {PILOTS} pilots of two
+    samples per pixel (below) miss the second, and say w = ¾.""",
+    panel=axes["red"],
 )

@@ -6,7 +6,7 @@ The weight map of each scene before the filter. In red patches BRDF samples coun
 blue ones light samples, in white ones both alike. The parabola has a
 minimum inside [0, 1] only in some of the patches. The thesis does not say what to do in
 the others. dmis takes the nearer end, or, if the parabola is not convex, the best of
-the three pilots.
+the three pilots. One patch of each scene is framed, and its parabola drawn.
 """
 
 import numpy as np
@@ -16,21 +16,34 @@ from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.examples.gallery import SCENES, WEIGHT, name_rows, options, print_canvas
-from dmis.fit.thesis import STATUS, parabola_minimum
+from dmis.fit.thesis import STATUS
 
 opts, _ = options("plot_fig_3_4_weights", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
+FRAMED = {  # a patch of each scene: row and column in shares of the image
+    "teapot-area-light": (0.62, 0.82),
+    "killeroo-diffuse": (0.2, 0.8),
+    "killeroo-gold": (0.35, 0.45),
+    "tt": (0.35, 0.3),
+}
 
 # %%
 # **Step 1, the pilot.** Two camera samples per pixel for each weight w = 0, 1/2, 1.
 # Each takes one light and one BRDF sample, and w only weighs them: with p_w = w p_l +
 # (1 - w) p_b, a light sample of contribution f counts w f / p_w, a BRDF sample (1 - w)
-# f / p_w.
+# f / p_w. KILLEROO GOLD is rendered by paths, as in Figure 4.1.
 scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in SCENES}
 pilots = {
     name: [
-        dmis.render(scene, f"fixed:{w:g},weigh=heuristic", 2, seed=k, preset="thesis")
+        dmis.render(
+            scene,
+            f"fixed:{w:g},weigh=heuristic",
+            2,
+            seed=k,
+            preset="thesis",
+            integrator=SCENES[name].integrator,
+        )
         for k, w in enumerate(STRATEGIES, 1)
     ]
     for name, scene in scenes.items()
@@ -47,10 +60,21 @@ variances = {
 
 # %%
 # **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of
-# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). The status
-# marks the patches where this is no minimum inside [0, 1].
-fits = {name: parabola_minimum(STRATEGIES, y) for name, y in variances.items()}
-for name, (_, status) in fits.items():
+# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). Three points
+# determine it: a₂ = 2 (y₀ + y₁ - 2 y½), a₁ = -3 y₀ + 4 y½ - y₁. The status marks the
+# patches where this is no minimum inside [0, 1]. `dmis.fit.thesis.parabola_minimum`
+# does the same for any number of points.
+fits = {}
+for name, y in variances.items():
+    y0, y_half, y1 = y
+    a2, a1 = 2 * (y0 + y1 - 2 * y_half), -3 * y0 + 4 * y_half - y1
+    convex, signal = a2 > 0, np.ptp(y, axis=0) > 0
+    minimum = -a1 / np.where(convex, 2 * a2, 1)
+    best = STRATEGIES[y.argmin(axis=0)]
+    weight = np.where(convex, minimum.clip(0, 1), np.where(signal, best, 0.5))
+    outside = convex & (weight != minimum)
+    status = np.select([~signal, ~convex, outside], [3, 2, 1], 0)
+    fits[name] = weight, status
     shares = (
         f"{meaning} {np.mean(status == code):.1%}" for code, meaning in STATUS.items()
     )
@@ -62,22 +86,35 @@ for name, (_, status) in fits.items():
 # see nothing and keep w = 1/2. Where the lamp does not shine, on the pot and in the
 # darkest shadow, the three variances are those of the headlight within a pixel, equal
 # but for noise, and the weight is chance.
-figure, axes = print_canvas(4, 2, 8.6, width=6, height_ratios=[1.25, 1, 1, 0.75])
+figure, axes = print_canvas(4, 3, 7.9, height_ratios=[1.25, 1, 1, 0.75])
+fine = np.linspace(0, 1, 200)
 for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     image = np.mean([pilot.image for pilot in pilots[name]], axis=0)
+    row, column = (np.array(FRAMED[name]) * weight.shape).astype(int)
+    corner = PATCH * row, PATCH * column
     plot.picture(line[0], image)
-    inside = f"learned w (minimum in [0, 1]: {np.mean(status == 0):.0%} of patches)"
+    inside = f"minimum in [0, 1]: {np.mean(status == 0):.0%}"
     per_pixel = patch_spread(weight, PATCH, image.shape[:2])
     shown = plot.weights(line[1], per_pixel, inside)
+    for axis in line[:2]:
+        plot.mark(axis, tuple((k, k + PATCH) for k in corner), "black")
+    y = variances[name][:, row, column] / variances[name][1, row, column]
+    line[2].plot(fine, np.polyval(np.polyfit(STRATEGIES, y, 2), fine), "k--")
+    line[2].plot(STRATEGIES, y, "ks")
+    line[2].axvline(weight[row, column], color="tab:blue")
+    line[2].axhline(0, color="0.7", linewidth=0.8, zorder=0)
+    line[2].set_title(f"framed patch: w = {weight[row, column]:.2f}")
+    line[2].set(xlabel="w", ylabel="variance / that at ½")
 axes[0, 0].set_title("mean of the three pilots")
-name_rows(axes, [about.title for about in SCENES.values()])
-plot.weight_bar(figure, shown, axes, WEIGHT, shrink=0.4, location="bottom", pad=0.01)
+name_rows(axes[:, :2], [about.title for about in SCENES.values()])
+plot.weight_bar(
+    figure, shown, axes[:, :2], WEIGHT, shrink=0.6, location="bottom", pad=0.01
+)
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: mean of the three pilots of 2 camera samples per pixel. Right: the
-    heuristic's weight w that the thesis's rule learns from them in patches of
-    {PATCH}x{PATCH} pixels, before the filter; above, the percentage of patches whose
-    parabola has its minimum inside [0, 1].""",
+    f"""Left: mean of three pilots of 2 camera samples per pixel. Middle: weight w that
+    the rule learns from them in patches of {PATCH}x{PATCH} pixels, before the filter.
+    Right: parabola through the three variances of the framed patch, and its weight.""",
     panel=axes[2, 1],
 )
