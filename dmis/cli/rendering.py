@@ -19,6 +19,7 @@ from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.color import LUMINANCE
 from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of
 from dmis.estimator.settings import make_settings
+from dmis.experiment.reference import crop_area
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
 from dmis.pipeline.executor import Parallel, Processes
@@ -43,6 +44,9 @@ def render(options: argparse.Namespace) -> int:
     make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
     files = _check_files(options)
     scene = load(options)
+    if options.crop is not None:
+        rows, columns = crop_area(options.crop, scene.camera.resolution)
+        scene = scene.crop((rows.start, rows.stop), (columns.start, columns.stop))
     for path in files:
         check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
     with _executor(options) as parallel, progress_bar(options.quiet) as progress:
@@ -150,6 +154,8 @@ def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
             f"\n  {number} of {result.fireflies.size:,} pixels look like noisy specks (fireflies), made by a few rare "
             f"bright samples: the image is right on average, and a larger --spp removes them"
         )
+    if pixels := job.notes.get("window"):
+        text += f"\n  window: {pixels}"
     if reason := result.provenance.get("fallback"):
         text += f"\n  {rule} at {job.spp} spp: {reason}"
     return text

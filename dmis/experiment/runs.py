@@ -28,7 +28,7 @@ from dmis.fit.rule import filled_settings
 from dmis.pipeline.executor import Parallel, Workers, worker_processes
 from dmis.pipeline.job import resolve
 from dmis.pipeline.progress import Progress, reporting
-from dmis.pipeline.render import render, render_job
+from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result
 from dmis.pipeline.tile import batch_size, tile_areas
 from dmis.scene.scene import Scene
@@ -194,8 +194,13 @@ def timed_render(settings: Settings, parallel: Parallel, scene: Scene, turn: Tur
     name, settings = _rule_and_settings(turn, settings)
     clock = time.thread_time if parallel == 1 else time.process_time
     begin = clock()
-    result = render(scene, name, turn[1], seed=turn[2], parallel=parallel, settings=settings)
+    result = render_alone(scene, name, turn[1], seed=turn[2], parallel=parallel, settings=settings)
     return result, clock() - begin + result.seconds["workers"]
+
+
+def render_alone(scene: Scene, rule: str, spp: int, *, seed: int, settings: Settings, parallel: Parallel) -> Result:
+    """Render a scene; of a window nothing around it, because fixed shares must not pay for what others leave out."""
+    return render_job(resolve(scene, rule, spp, seed, settings).alone, parallel)
 
 
 def _warm_up(settings: Settings, scene: Scene, turns: Sequence[Turn]) -> None:

@@ -98,7 +98,7 @@ def bench(
     speeds: dict[int, Speed] = {}
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
-            job = resolve(scene, rule, spp, seed + k, make_settings(**options))
+            job = resolve(scene, rule, spp, seed + k, make_settings(**options)).alone
             job.scene.prepare()  # once, before the first render
             result = render_job(job, parallel)
             samples = math.prod(scene.camera.resolution) * job.spp

@@ -24,6 +24,7 @@ from dmis.fit.rule import Rule, check_settings, filled_settings, merge_settings,
 from dmis.fit.sample_numbers import LEVELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
+from dmis.pipeline.window import Window, window_of
 from dmis.scene.scene import Scene, SceneWarning
 
 DEFAULT_SPP = 128
@@ -55,7 +56,10 @@ class Job:
     settings
         Estimator settings of the final pass.
     notes
-        Why another rule than that of `rule_text` renders it, by kind: ``nothing_to_mix`` or ``fallback``; else empty.
+        Why another rule than that of `rule_text` renders it, by kind: ``nothing_to_mix`` or ``fallback``; and how it
+        renders a ``window``, if the camera of the scene shows a part of a larger image.
+    window
+        The part of the image of `scene` that is rendered, see `dmis.pipeline.window`; None: all of it.
     """
 
     scene: Scene
@@ -68,11 +72,12 @@ class Job:
     seed: int
     settings: Settings
     notes: Mapping[str, str] = field(default_factory=dict)
+    window: Window | None = None
 
     @property
     def budget(self) -> Budget:
         """What the rule makes its rounds with."""
-        shape, weigh = self.scene.camera.resolution[::-1], self.rule.weigh or self.settings.weigh
+        shape, weigh = self.given_scene.camera.resolution[::-1], self.rule.weigh or self.settings.weigh
         return Budget(self.spp, shape, self.settings, self.seed, weigh, self.scene.plan)
 
     @cached_property
@@ -104,6 +109,11 @@ class Job:
         """Return a job with the same provenance that does not keep the tables of its scene and Embree's copy."""
         description = self.given_scene.changed()
         return replace(self, scene=description, given_scene=description)
+
+    @property
+    def alone(self) -> Job:
+        """The job with its window as an image of its own, so that no time is spent outside of it."""
+        return replace(self, scene=self.given_scene.in_float32[0], window=None)
 
     @property
     def key(self) -> dict[str, Any]:
@@ -149,7 +159,12 @@ def resolve(
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    return Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, notes)
+    job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, notes)
+    if scene.camera.frame is None:
+        return job
+    window, pixels = window_of(scene.camera, used)
+    shown = float32_scene if window is None else float32_scene.uncropped
+    return replace(job, scene=shown, window=window, notes={**notes, "window": pixels})
 
 
 def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:

@@ -19,6 +19,7 @@ from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles, render_tile
+from dmis.pipeline.window import WindowFilm
 from dmis.scene.feature_buffers import render_feature_buffers, render_pixel_features
 from dmis.variance.moments import Film
 
@@ -63,7 +64,7 @@ class Passes:
     ) -> None:
         self._job, self._progress = job, progress
         self._rounds = 0
-        self._pixels = math.prod(job.scene.camera.resolution)
+        self._pixels = math.prod(job.given_scene.camera.resolution)
         self._release: Callable[[], None] = release if self._pixels >= LARGE_IMAGE else lambda: None
         self.rays, self.pilot_rays = Counter[str](), Counter[str]()
         self.seconds: defaultdict[str, float] = defaultdict(float)
@@ -94,11 +95,14 @@ class Passes:
 
         A ValueError if the round is not one of this image, see `dmis.fit.round.Round.check`.
         """
-        began, resolution = time.perf_counter(), self._job.scene.camera.resolution
+        began, resolution = time.perf_counter(), self._job.given_scene.camera.resolution
         round_.check(resolution[::-1])
         self._release()
-        tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
+        tiles = make_tiles(self._job.scene.camera.resolution, self._job.seed, self._rounds, round_)
         film = PassFilm(resolution, len(tiles), round_)
+        if self._job.window is not None:
+            film = WindowFilm(self._job.window, len(tiles), round_)
+            tiles = film.touched(tiles)
         for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
             film.merge_tile(film_tile)
         self._rounds += 1

@@ -94,6 +94,11 @@ class Camera:
         frame = self.frame or self.resolution
         return replace(self, resolution=(right - left, bottom - top), corner=corner, frame=frame)
 
+    @property
+    def uncropped(self) -> Camera:
+        """The camera of the larger image that this one shows a part of; itself, if it shows the whole."""
+        return self if self.frame is None else replace(self, resolution=self.frame, corner=(0, 0), frame=None)
+
     @classmethod
     def look_at(
         cls,

@@ -128,11 +128,17 @@ class Scene:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Scene:
-        """Return the scene seen through a part of the image, see `dmis.scene.camera.Camera.crop`.
+        """Return the scene seen through a window of the image, see `dmis.scene.camera.Camera.crop`.
 
-        Plan, tables and Embree are those of this scene, so a crop costs nothing.
+        With fixed shares the window has the same bits as in the whole image; to a rule that learns it is an image of
+        its own (`dmis.pipeline.job.Job.window`). Plan, tables and Embree are those of this scene.
         """
         return self.seen_by(self.camera.crop(rows, columns))
+
+    @cached_property
+    def uncropped(self) -> Scene:
+        """The scene of the whole image that this one is a window of, see `crop`."""
+        return self.seen_by(self.camera.uncropped)
 
     def seen_by(self, camera: Camera) -> Scene:
         """Return the scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""

@@ -327,7 +327,7 @@ def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatc
         assert main(command) == 0 and "report.html are left out, because figures need" in capsys.readouterr().err
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["comparison.json", "images", "results.csv"]
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr("dmis.experiment.runs.render", lambda *_, **__: pytest.fail("rendered again"))
+    monkeypatch.setattr("dmis.experiment.runs.render_alone", lambda *_, **__: pytest.fail("rendered again"))
     assert main(command) == 0 and (tmp_path / "out" / "report.html").exists()
 
 

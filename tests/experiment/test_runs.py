@@ -36,13 +36,13 @@ def test_measure(box):
 
 FIRST = """
 import sys, dmis, numpy as np, dmis.experiment.runs as runs
-render, sky = runs.render, dmis.EnvironmentLight(np.arange(384).reshape(8, 16, 3) / 384)
+render, sky = runs.render_alone, dmis.EnvironmentLight(np.arange(384).reshape(8, 16, 3) / 384)
 def watched(*arguments, **options):
     before = len(sys.modules), len(vars(sky))
     result = render(*arguments, **options)
     print(len(sys.modules) - before[0], len(vars(sky)) - before[1], end=" ")
     return result
-runs.render = watched
+runs.render_alone = watched
 floor = dmis.Part(dmis.load_scene("cornell").parts[0].mesh, dmis.matte(0.5))
 scene = dmis.Scene(dmis.Camera.fit([floor.mesh], resolution=(16, 16)), (floor,), (sky,))
 black = np.zeros((16, 16, 3), np.float32)

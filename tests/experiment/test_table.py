@@ -34,7 +34,7 @@ def rendered(monkeypatch: pytest.MonkeyPatch, drawn: list[Path]) -> list[tuple[s
         seen.append((PINNED if options["settings"].preset else rule, spp, seed))
         return original(scene, rule, spp, seed=seed, **options)
 
-    monkeypatch.setattr("dmis.experiment.runs.render", counted)
+    monkeypatch.setattr("dmis.experiment.runs.render_alone", counted)
     return seen
 
 

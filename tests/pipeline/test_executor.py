@@ -323,7 +323,7 @@ def test_workers_render_small_images_whole(box, tmp_path, monkeypatch, kind, req
     budgets, recorded = [(PINNED, 8), ("auto", 64), ("balance", 64)], []
     serial = measure(box, [*budgets, ("mine", 64)], 3, reference, parallel=1)
     with monkeypatch.context() as here:
-        here.setattr("dmis.experiment.runs.render", lambda *_, **__: pytest.fail("it is rendered here"))
+        here.setattr("dmis.experiment.runs.render_alone", lambda *_, **__: pytest.fail("it is rendered here"))
         runs = measure(box, budgets, 3, reference, parallel=parallel, record=lambda *both: recorded.append(both))
         with pytest.raises(KeyboardInterrupt):
             measure(box, budgets, 20, reference, parallel=parallel, progress=_interrupted)

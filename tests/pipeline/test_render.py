@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.estimator.allocation import shares_of
@@ -79,6 +80,53 @@ def test_crop_is_a_part_of_the_image(box):
     z = (part.image - whole.image[inside]) / np.sqrt(part.variance + whole.variance[inside] + 1e-12)
     assert abs(z.mean()) * np.sqrt(z.size / 3) < 4 and z.std() < 1.2
     assert dmis.render(box, "balance", 1).provenance["scene_hash"] != part.provenance["scene_hash"]
+
+
+@pytest.mark.parametrize(
+    ("integrator", "rule", "options"),
+    [
+        ("direct", "balance", {}),
+        ("direct", "fixed:0.3", {"sampler": "independent"}),
+        ("path", "fixed:0.3", {}),  # whose roulette takes numbers of the tile
+        ("path", "one-sample", {}),
+        ("direct", "balance", {"preset": "thesis"}),
+    ],
+)
+@pytest.mark.parametrize("window", [((3, 4), (0, 1)), ((31, 34), (17, 70)), ((0, 40), (65, 75))])
+def test_window_has_the_bits_of_the_whole_image(integrator, rule, options, window):
+    """At odd places and across tiles, and through a window of a window; its deviation, and its checkpoint, too."""
+    scene, settings = shared_scene("cornell", (75, 40)), {"integrator": integrator, **options}
+    whole = dmis.render(scene, rule, 32, seed=2, parallel=1, **settings)
+    rows, columns = window
+    part = dmis.render(
+        scene.crop((rows[0], 40), (0, columns[1])).crop((0, rows[1] - rows[0]), (columns[0], columns[1])),
+        rule,
+        32,
+        seed=2,
+        **settings,
+    )
+    for name in ("image", "deviation"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[slice(*rows), slice(*columns)])
+    assert part.samples.shape == part.image.shape[:2]
+    assert part.provenance["window"] == "the same pixels as in the whole image"
+
+
+def test_window_that_doubles_its_samples(box):
+    """Doubling joins the same samples as in the whole image; a checkpoint of a window resumes."""
+    whole = dmis.render(box, "balance", 64, noise=0, parallel=1)
+    part = dmis.render(box.crop((5, 20), (1, 30)), "balance", 64, noise=0, parallel=1)
+    np.testing.assert_array_equal(part.image, whole.image[5:20, 1:30])
+
+
+def test_window_is_an_image_of_its_own_to_rules_that_learn(box):
+    """They say so; no film of theirs has pixels outside."""
+    crop = box.crop((0, 12), (0, 8))
+    result = dmis.render(crop, "thesis", 16)
+    assert "an image of its own" in result.provenance["window"] and result.rays["camera"] <= 16 * 12 * 8
+    alone = dmis.render(replace(crop, camera=replace(crop.camera, frame=None, corner=(0, 0))), "balance", 1)
+    assert "window" not in alone.provenance
+    job = resolve(crop, "balance", 4, 0, make_settings()).alone
+    assert job.window is None and job.scene.camera.resolution == (8, 12)
 
 
 def test_the_default_rule_learns_where_that_pays(box):

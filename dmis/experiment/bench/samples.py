@@ -122,9 +122,14 @@ def samples(
     job = resolve(scene, Fixed(weight), spp, seed, make_settings(settings, **options))
     height, width = shape = job.budget.shape
     chosen = _pixel_numbers(pixels, xy, height, width)
+    (top, _), (left, _) = job.window or ((0, height), (0, width))
+    resolution = job.scene.camera.resolution  # of a window, that of the whole image
     recorder, rays = _Recorder(weight, job.settings.shading_samples), Counter[str]()
-    for tile in make_tiles((width, height), seed, 0, next(job.rule.rounds(job.budget))):
-        recorder.begin((np.arange(*tile.rows)[:, None] * width + np.arange(*tile.columns)).reshape(-1))
+    for tile in make_tiles(resolution, seed, 0, next(job.rule.rounds(job.budget))):
+        row = np.arange(*tile.rows)[:, None] - top
+        column = np.arange(*tile.columns) - left
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        recorder.begin(np.where(inside, row * width + column, -1).reshape(-1))
         if np.isin(recorder.pixels, chosen).any():
             observed = replace(tile, round=replace(tile.round, statistic=lambda *_: recorder))
             rays.update(render_tile(job.scene, observed).rays)
