@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from weight_bounds import draw, patch_probabilities
 
 from dmis.base.atomic_files import replacing
 from dmis.base.patches import PATCH
@@ -26,6 +27,7 @@ from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import (
+    FULL,
     GRID,
     PACKAGED,
     SCENES,
@@ -56,8 +58,14 @@ PILOTS = ((0.0, 2, 2), (0.5, 6, 4), (1.0, 2, 2))
 """Each pilot's w, camera samples per pixel, and shading samples of a camera sample."""
 SPP = 2048
 """Camera samples per pixel of the curves of shares; as many for tilts and for the power heuristic."""
-DIGITS = 10
-"""Binary digits of 23 that floating-point columns of pilot tables keep: a relative error of 0.05 %."""
+DIGITS, DIGITS_OF_BLOCKS = 10, 8
+"""Binary digits of 23 that floating-point columns of pilot tables keep: a relative error of 0.05 %, of blocks 0.2 %."""
+CORE = 16
+"""Pixels of a side of the part of a block that is judged, in its middle: a patch of ``thesis``."""
+BLOCKS = {"full-tt": (12, 48), "full-veach-mis": (12, 32), "full-ten-lights": (12, 32), "full-cornell-path": (12, 48)}
+"""Blocks of an image at its full size, and pixels of a side of each, so that files stay below 8 MB."""
+USUAL_BLOCKS = 24, 48
+"""The same of other scenes; 48 pixels are the core with a patch of ``thesis`` on every side."""
 
 
 # Scenes and pilots --------------------------------------------------------------------------------------------------
@@ -75,9 +83,9 @@ def draw_pilots(scene: Scene, settings: Settings, seed: int) -> Pilots:
 # Converged curves ---------------------------------------------------------------------------------------------------
 
 
-def measure_truth(scene: Scene, settings: Settings, spp: int = SPP) -> Truth:
+def measure_truth(scene: Scene, settings: Settings, spp: int = SPP, seed: int = 0) -> Truth:
     """Return converged variance and cost of each patch, from `spp` camera samples per pixel."""
-    job = resolve(scene, Fixed(0.5), spp, REFERENCE_SEED + 4, settings)
+    job = resolve(scene, Fixed(0.5), spp, REFERENCE_SEED + 4 + seed, settings)
     job.scene.prepare()
     settings, paired = job.settings, pilot_settings(job.settings, paired=True)
     height, width = job.budget.shape
@@ -120,17 +128,72 @@ def _measure(
     return statistics[0].sums(), film.rays, radiance
 
 
+# Blocks of an image at its full size ---------------------------------------------------------------------------------
+
+
+def draw_blocks(scene: Scene, settings: Settings, blocks: int, side: int) -> tuple[np.ndarray, np.ndarray, Array]:
+    """Return top left pixels of blocks of the image, and of their cores in them, ``(blocks, 2)`` each, row and column;
+    and the number of the image's pixels that a pixel of each core stands for.
+    """
+    places, weight = draw(patch_probabilities(scene, settings, CORE), blocks, REFERENCE_SEED + 8)
+    # a block at the border of the image has its core nearer to the border
+    last = [(n - side) // PATCH * PATCH for n in scene.camera.resolution[::-1]]
+    corners = np.clip(places * CORE - (side - CORE) // 2, 0, last)
+    return corners, places * CORE - corners, weight
+
+
+def cropped(scene: Scene, corner: np.ndarray, side: int) -> Scene:
+    """Return a scene of a square of the image, from its top left pixel on."""
+    y, x = corner.tolist()
+    return replace(scene, camera=scene.camera.crop((y, y + side), (x, x + side)))
+
+
+def truth_of_blocks(scene: Scene, settings: Settings, blocks: int, side: int, spp: int = SPP) -> Truth:
+    """Return the truth of the cores of blocks of the image; it is 0 elsewhere."""
+    truths = []
+    for k, (corner, core, weight) in enumerate(zip(*draw_blocks(scene, settings, blocks, side), strict=True)):
+        truth = measure_truth(cropped(scene, corner + core, CORE), settings, spp, 100 * (k + 1))
+        weights = np.full(truth.power.shape[1:], weight * PATCH**2)
+        margins = [(a // PATCH, (side - CORE - a) // PATCH) for a in core.tolist()]
+        arrays = truth.variance, truth.power, truth.cost, weights
+        truths.append([np.pad(a, [*[(0, 0)] * (a.ndim - 2), *margins]) for a in arrays])
+    variance, power, cost, weights = (np.concatenate(a, axis=-2) for a in zip(*truths, strict=True))
+    return Truth(variance, power, cost, (blocks * side, side), weights, blocks)
+
+
+def pilots_of_blocks(scene: Scene, settings: Settings, blocks: int, side: int, seed: int) -> Pilots:
+    """Return the pilots of one seed of blocks of the image, with its rays."""
+    corners, _, weight = draw_blocks(scene, settings, blocks, side)
+    parts = [
+        draw_pilots(cropped(scene, corner, side), settings, 1000 * (seed + 1) + k) for k, corner in enumerate(corners)
+    ]
+    tables = {}
+    for w in parts[0].tables:
+        of_blocks = [replace(part.tables[w], pixel=part.tables[w].pixel + k * side**2) for k, part in enumerate(parts)]
+        columns = {column: np.concatenate([getattr(t, column) for t in of_blocks]) for column in COLUMNS}
+        # rays of the image, as many as its blocks would have
+        kinds = set().union(*(t.rays for t in of_blocks))
+        share = weight / weight.sum() * blocks
+        rays = {kind: round(sum(f * t.rays.get(kind, 0) for f, t in zip(share, of_blocks))) for kind in sorted(kinds)}
+        tables[w] = replace(of_blocks[0], shape=(blocks * side, side), rays=rays, **columns)  # type: ignore[arg-type]
+    # materials are numbered by what an image shows, so features are cut from those of the whole image
+    whole = render_feature_buffers(scene)[0]
+    squares = [[slice(a // PATCH, (a + side) // PATCH) for a in corner] for corner in corners.tolist()]
+    features = {key: np.concatenate([a[:, y, x] for y, x in squares], axis=1) for key, a in whole.items()}
+    return Pilots(tables, features)
+
+
 # Files --------------------------------------------------------------------------------------------------------------
 
 
-def write_pilots(path: Path, pilots: Pilots) -> None:
-    """Write the pilots of a scene and seed to a file."""
+def write_pilots(path: Path, pilots: Pilots, digits: int = DIGITS) -> None:
+    """Write the pilots of a scene and seed to a file, with some binary digits."""
     arrays = {f"feature {name}": values.astype(np.float16) for name, values in pilots.features.items()}
     about = []
     for w, table in pilots.tables.items():
         kinds = table.pixel, table.camera_sample, table.sample_index, table.technique, table.light
         table = table.rows(np.lexsort(kinds))  # rows of one kind in sequence, which compresses well
-        arrays |= {f"{w} {name}": _rounded(getattr(table, name)) for name in COLUMNS}
+        arrays |= {f"{w} {name}": _rounded(getattr(table, name), digits) for name in COLUMNS}
         numbers = {name: getattr(table, name) for name in ("shape", "spp", "shading_samples", "rays")}
         about.append({"w": w, **numbers})
     _write(path, about, arrays)
@@ -138,14 +201,16 @@ def write_pilots(path: Path, pilots: Pilots) -> None:
 
 def write_truth(path: Path, truth: Truth) -> None:
     """Write the converged curves of a scene to a file."""
-    _write(path, truth.shape, {name: getattr(truth, name).astype(np.float32) for name in ("variance", "power", "cost")})
+    names = ("variance", "power", "cost") if truth.weight is None else ("variance", "power", "cost", "weight")
+    about = truth.shape if truth.blocks == 1 else (*truth.shape, truth.blocks)
+    _write(path, about, {name: getattr(truth, name).astype(np.float32) for name in names})
 
 
-def _rounded(column: np.ndarray) -> np.ndarray:
-    """Return a column in the smallest integers, or in float32 whose mantissa has `DIGITS` digits and zeros."""
+def _rounded(column: np.ndarray, digits: int) -> np.ndarray:
+    """Return a column in the smallest integers, or in float32 whose mantissa has some digits and zeros."""
     if column.dtype.kind != "f":
         return column.astype(np.promote_types(*map(np.min_scalar_type, (column.min(), column.max()))))
-    rest = np.uint32(1 << 23 - DIGITS)
+    rest = np.uint32(1 << 23 - digits)
     return (column.astype(np.float32).view(np.uint32) + rest // 2 & ~(rest - 1)).view(np.float32)
 
 
@@ -161,7 +226,13 @@ def make_data(scenes: Sequence[str], seeds: Sequence[int]) -> None:
     """Make the files of scenes and seeds that are missing, see `dmis.experiment.bench.data.path_of`."""
     for name, seed in [(name, seed) for name in scenes for seed in (None, *seeds) if not path_of(name, seed).exists()]:
         print(path_of(name, seed), flush=True)
-        if seed is None:
+        if name in FULL:
+            if seed is None:
+                write_truth(path_of(name), truth_of_blocks(*load(name), *BLOCKS.get(name, USUAL_BLOCKS)))
+            else:
+                pilots = pilots_of_blocks(*load(name), *BLOCKS.get(name, USUAL_BLOCKS), seed)
+                write_pilots(path_of(name, seed), pilots, DIGITS_OF_BLOCKS)
+        elif seed is None:
             write_truth(path_of(name), measure_truth(*load(name)))
         else:
             write_pilots(path_of(name, seed), draw_pilots(*load(name), seed))
@@ -225,10 +296,10 @@ if __name__ == "__main__":
     parser.add_argument("--page", action="store_true", help="write the table of docs/mis-bench.md")
     options = parser.parse_args()
     names = options.scenes.split(",")
-    if unknown := set(names) - {*SCENES, *PACKAGED}:
-        parser.error(f"--scenes: there is no {', '.join(sorted(unknown))}; choose from {', '.join(SCENES)}")
+    if unknown := set(names) - {*SCENES, *FULL, *PACKAGED}:
+        parser.error(f"--scenes: there is no {', '.join(sorted(unknown))}; choose from {', '.join((*SCENES, *FULL))}")
     make_data([name for name in names if name in SCENES], range(options.seeds))
-    make_data([name for name in names if name in PACKAGED], [0])
+    make_data([name for name in names if name in (*FULL, *PACKAGED)], [0])
     if options.validate:
         validate(names, options.rules)
     if options.page:

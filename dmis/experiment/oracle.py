@@ -5,7 +5,7 @@ The curves V(w) give the error of any share map without rendering it; `dmis.expe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,8 @@ class Oracle:
         Samples per pixel of the pilot.
     shape
         ``(H, W)`` of the image: patches at its border may be smaller, and count for less; None: all are whole.
+    weight
+        Pixels that each patch stands for, ``(rows, columns)``; None: its own.
     """
 
     variance: Array
@@ -44,12 +46,15 @@ class Oracle:
     patch: int
     spp: int
     shape: tuple[int, int] | None = None
+    weight: Array | None = field(default=None, kw_only=True)
 
     @cached_property
     def pixel_share(self) -> Array:
         """Share of the image's pixels in each patch, ``(rows, columns)``."""
         rows, columns = self.variance.shape[1:]
-        area = patch_sum(np.ones(self.shape or (rows * self.patch, columns * self.patch)), self.patch)
+        area = self.weight
+        if area is None:
+            area = patch_sum(np.ones(self.shape or (rows * self.patch, columns * self.patch)), self.patch)
         return area / area.sum()
 
     @cached_property

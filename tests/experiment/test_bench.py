@@ -23,6 +23,7 @@ from dmis.experiment.bench.judge import (
     ORACLES,
     STYLES,
     error_time,
+    interval,
     of_pixels,
     report,
     score,
@@ -31,10 +32,11 @@ from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.oracle import Oracle
 from dmis.fit.round import Budget, Fit, Pilot, Round
 from dmis.fit.second_moment import SecondMoment
+from dmis.scene.feature_buffers import render_feature_buffers
 from tests.helpers import Z_LIMIT, fresh_python, shared_scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from mis_bench import draw_pilots, load, write_pilots, write_truth
+from mis_bench import draw_blocks, draw_pilots, load, pilots_of_blocks, truth_of_blocks, write_pilots, write_truth
 
 RULE = '''
 import numpy as np
@@ -335,6 +337,100 @@ def test_rendered_track(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.
     *_, line = capsys.readouterr().out.splitlines()
     scene, rule, *_, absolute, relative, _, error, _ = line.split()
     assert (scene, rule) == (SMALL, "fixed:0.03") and float(absolute) > 1.5 and 0 < float(error) < float(absolute)
+
+
+# Blocks of a larger image --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def blocks(tmp_path: Path) -> Path:
+    """Twelve blocks of two patches: one that is judged, with V = k + 1 at w = 0.5 in block k, which stands for 16, 32,
+    ... pixels, and context with the weight 0 whose V is huge.
+    """
+    number = np.arange(12.0)
+    curves = np.stack([np.abs(GRID[:, None] - 0.16) + number + 0.66, np.full((len(GRID), 12), 1e9)], axis=-1)
+    variance = np.broadcast_to(curves, (2, 2, *curves.shape))
+    weight = np.stack([16 * (number + 1), np.zeros(12)], axis=-1)
+    truth = Truth(variance, np.ones((2, 12, 2)), np.ones((len(GRID), 12, 2)), (48, 8), weight, 12)
+    write_truth(tmp_path / "blocks.npz", truth)
+    table = dmis.samples(shared_scene("teapot-area-light", (8, 48)), spp=6, shading_samples=4, sampler="independent")
+    pilots = Pilots({w: replace(table, w=np.full_like(table.w, w)) for w in (0.0, 0.5, 1.0)}, {})
+    write_pilots(tmp_path / "blocks-0.npz", pilots)
+    return tmp_path / "blocks.npz"
+
+
+def test_a_rule_decides_in_one_block_after_the_other(blocks: Path) -> None:
+    """It sees the pixels of one block, and patches count as the pixels that they stand for; context does not."""
+    tables = list[SampleTable]()
+
+    def rule(pilots: Mapping[float, SampleTable]) -> float:
+        tables.append(pilots[0.5])
+        return 0.16 if len(tables) % 2 else 0.5
+
+    columns = score(rule, [blocks]).values[str(blocks)]
+    assert columns.shape == (12, 6) and len(tables) == 12
+    whole = read_pilots(blocks.with_name("blocks-0.npz")).tables[0.5]
+    np.testing.assert_array_equal(
+        np.concatenate([t.f for t in tables]), whole.f[np.argsort(whole.pixel // 32, kind="stable")]
+    )
+    assert all(t.shape == (4, 8) and t.pixel.max() < 32 for t in tables)
+    assert all(t.rays["shadow"] == whole.rays["shadow"] // 12 for t in tables)
+    number = np.arange(12.0)
+    v, weight = number + np.where(number % 2, 1, 0.66), number + 1
+    for left_out, row in enumerate(columns):
+        kept = number != left_out
+        expected = (v * weight)[kept].sum() / ((number + 1) * weight)[kept].sum()
+        assert row[0] == pytest.approx(expected, rel=1e-5)
+        assert row[5] == 0
+
+
+def test_interval_of_blocks_is_the_jackknife(blocks: Path) -> None:
+    """Of a mean it is the standard error of independent values, times the quantile."""
+    values = np.random.default_rng(0).random(12)
+    left = (values.sum() - values) / 11
+    for of, is_blocks in ((left, True), (values, False)):
+        mean, half = interval(of, is_blocks)
+        assert mean == pytest.approx(values.mean())
+        assert half == pytest.approx(2.201 * values.std(ddof=1) / np.sqrt(12), rel=1e-3)
+    scored = score("fixed:0.16", [blocks])
+    assert scored.blocks and "±" in report({"a": scored})
+
+
+def test_numbers_of_samples_do_not_count_in_blocks(blocks: Path) -> None:
+    """They are decided for a whole image; scenes of blocks and whole images are not mixed."""
+    pair, shares = (
+        score(rule, [blocks]).values[str(blocks)]
+        for rule in (lambda t: (0.16, np.arange(32.0).reshape(4, 8) + 1), lambda t: 0.16)
+    )
+    np.testing.assert_allclose(pair, shares)
+    assert score("oracle-samples", [blocks]).values[str(blocks)][0, 0] < shares[0, 0]
+    with pytest.raises(ValueError, match="must all be blocks of larger images, or none; got"):
+        score("balance", [blocks, SMALL])
+
+
+def test_blocks_are_those_of_the_image() -> None:
+    """Pilots and truth of blocks are those of the whole image's pixels, and judge what an oracle of all would."""
+    scene, settings = load("teapot-area-light")
+    scene = replace(scene, camera=replace(scene.camera, resolution=(72, 64)))
+    corners, cores, weight = draw_blocks(scene, settings, 3, 32)
+    assert (corners % PATCH == 0).all() and (corners >= 0).all() and (corners + 32 <= (64, 72)).all()
+    assert ((cores >= 0) & (cores <= 16)).all() and weight.shape == (3,)
+    pilots = pilots_of_blocks(scene, settings, 3, 32, 0)
+    image = dmis.render(scene, "balance", 16, settings=settings, parallel=1).image
+    normal = render_feature_buffers(scene)[0]["normal"]
+    for part, (y, x) in zip(pilots.split(3), corners.tolist(), strict=True):
+        block = image[y : y + 32, x : x + 32]
+        mean = part.tables[0.5].radiance().mean(axis=0)
+        assert abs(mean.mean() - block.mean()) < 0.1 * image.mean()
+        assert np.corrcoef(mean.mean(axis=2).ravel(), block.mean(axis=2).ravel())[0, 1] > 0.8
+        np.testing.assert_array_equal(part.features["normal"], normal[:, y // 4 : y // 4 + 8, x // 4 : x // 4 + 8])
+    truth = truth_of_blocks(scene, settings, 3, 32, 16)
+    assert truth.blocks == 3 and truth.shape == (96, 32) and truth.weight is not None
+    judged = truth.weight.reshape(3, -1) > 0
+    assert (judged.sum(axis=1) == 16).all()
+    np.testing.assert_allclose(truth.weight.reshape(3, -1).max(axis=1), 16 * weight)
+    assert (truth.variance[:, 0, HALF].reshape(2, 3, -1)[:, ~judged] == 0).all()
+    assert (truth.cost[HALF].reshape(3, -1)[judged] > 1).all()
 
 
 def test_files_keep_what_was_written(tmp_path: Path, planted: Truth) -> None:

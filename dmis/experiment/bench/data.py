@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,10 @@ SCENES: tuple[str, ...] = (
     "cornell-path",
 )  # fmt: skip
 """Scenes of the benchmark."""
+FULL = tuple(f"full-{name}" for name in SCENES)
+"""The same scenes at the size at which they are meant, as blocks of pixels of the image, see `Truth`."""
+GROUPS = 12
+"""Groups of blocks, each of every twelfth, whose scatter is the uncertainty due to the choice of blocks."""
 SMALL = "small"
 """A scene beside them that comes with dmis, to try a rule out: the teapot in 24x18 pixels, seed 0."""
 PACKAGED = (SMALL, "small-killeroo-gold", "small-tt", "small-cornell-path")
@@ -52,12 +56,32 @@ class Truth:
         At the shares of the grid, ``(G, rows, columns)``; at every tilt it is that of w = 1/2.
     shape
         ``(H, W)`` of the image.
+    weight
+        Pixels that each patch stands for, ``(rows, columns)``: 0 is context, which filters may use; None: its own.
+    blocks
+        Number of blocks of equal height that are stacked to this image, each cut from a larger one; 1, or a multiple
+        of `GROUPS`.
     """
 
     variance: Array
     power: Array
     cost: Array
     shape: tuple[int, int]
+    weight: Array | None = None
+    blocks: int = 1
+
+    def split(self) -> list[Truth]:
+        """Return the truth of each block, without `weight`."""
+        variance, power, cost = (np.split(a, self.blocks, axis=-2) for a in (self.variance, self.power, self.cost))
+        shape = self.shape[0] // self.blocks, self.shape[1]
+        return [Truth(v, p, c, shape) for v, p, c in zip(variance, power, cost, strict=True)]
+
+    def leave_one_out(self) -> list[Truth]:
+        """Return truths without the weight of one of `GROUPS` groups of blocks each; without blocks, itself."""
+        if self.weight is None or self.blocks == 1:
+            return [self]
+        group = np.arange(len(self.weight)) * self.blocks // len(self.weight) % GROUPS
+        return [replace(self, weight=self.weight * (group != k)[:, None]) for k in range(GROUPS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,20 +91,38 @@ class Pilots:
     tables: Mapping[float, SampleTable]
     features: Mapping[str, Array]
 
+    def split(self, blocks: int) -> list[Pilots]:
+        """Return the pilots of each of some blocks of equal height, see `Truth`; all have the rays of the mean."""
+        features = {name: np.split(values, blocks, axis=1) for name, values in self.features.items()}
+        parts = []
+        for k in range(blocks):
+            tables = {w: _block(table, k, blocks) for w, table in self.tables.items()}
+            parts.append(Pilots(tables, {name: values[k] for name, values in features.items()}))
+        return parts
+
+
+def _block(table: SampleTable, k: int, blocks: int) -> SampleTable:
+    """Return the rows of one of some blocks of equal height."""
+    height, width = table.shape
+    pixels = height * width // blocks
+    part = table.rows(table.pixel // pixels == k)
+    rays = {kind: number // blocks for kind, number in table.rays.items()}
+    return replace(part, pixel=part.pixel - k * pixels, shape=(height // blocks, width), rays=rays)
+
 
 def path_of(scene: str, seed: int | None = None) -> Path:
     """Return the file of a scene's truth, or of its pilots with a seed.
 
-    A scene is a name of `SCENES` or `PACKAGED`, or the path ``NAME.npz`` of the truth of another one, whose pilots are
-    in ``NAME-SEED.npz`` beside it. A ValueError for others.
+    A scene is a name of `SCENES`, `FULL` or `PACKAGED`, or the path ``NAME.npz`` of the truth of another one, whose
+    pilots are in ``NAME-SEED.npz`` beside it. A ValueError for others.
     """
     ending = "" if seed is None else f"-{seed}"
     if scene.endswith(".npz"):
         path = Path(scene)
         return path.with_name(f"{path.stem}{ending}.npz")
-    if scene not in (*SCENES, *PACKAGED):
+    if scene not in (*SCENES, *FULL, *PACKAGED):
         raise ValueError(
-            f"scene must be one of {', '.join((*SCENES, *PACKAGED))}, or the path of a file NAME.npz "
+            f"scene must be one of {', '.join((*SCENES, *FULL, *PACKAGED))}, or the path of a file NAME.npz "
             f"(docs/bench-files.md); got {scene!r}"
         )
     folder = Path(__file__).parent if scene in PACKAGED else cache_folder() / f"mis-bench-{VERSION}"
@@ -114,8 +156,9 @@ def read_pilots(path: Path) -> Pilots:
 
 def read_truth(path: Path) -> Truth:
     """Return the converged curves in a file; a ValueError if it is not there, damaged, or of another version."""
-    shape, arrays = _read(path)
-    return Truth(**{name: a.astype(np.float64) for name, a in arrays.items()}, shape=tuple(shape))
+    (height, width, *blocks), arrays = _read(path)
+    curves = {name: a.astype(np.float64) for name, a in arrays.items()}
+    return Truth(**curves, shape=(height, width), blocks=blocks[0] if blocks else 1)
 
 
 def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:

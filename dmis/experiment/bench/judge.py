@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from dmis.base.patches import PATCH, patch_mean, patch_spread
+from dmis.base.patches import PATCH, patch_mean, patch_spread, patch_sum
 from dmis.base.validate import one_of
 from dmis.base.vectors import TINY, Array
-from dmis.experiment.bench.data import GRID, HALF, SCENES, Truth, path_of, read_pilots, read_truth, seeds_of
+from dmis.experiment.bench.data import FULL, GRID, HALF, SCENES, Truth, path_of, read_pilots, read_truth, seeds_of
 from dmis.experiment.bench.decide import SETTINGS, SPP, AnyRule, decide
 from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.metrics import mean_and_error
@@ -47,10 +48,15 @@ BASELINES: Mapping[str, AnyRule] = {
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Score of a rule: its name, and by scene `COLUMNS` of each seed, ``(seeds, 6)``."""
+    """Score of a rule: its name, and by scene `COLUMNS` of each seed, ``(seeds, 6)``.
+
+    With `blocks`, scenes are blocks of larger images, and `COLUMNS` are means over seeds without one group of the
+    blocks, ``(groups, 6)``: a jackknife.
+    """
 
     rule: str
     values: Mapping[str, Array]
+    blocks: bool = False
 
     def over_scenes(self) -> Array:
         """Return the columns of each seed over all scenes, ``(seeds, 6)``: of ratios geometric means, else means."""
@@ -66,42 +72,79 @@ def score(rule: AnyRule, scenes: Iterable[str | os.PathLike[str]] = SCENES, seed
     rule
         A `dmis.Rule` or its text; or a function of the pilot tables by w, ``{0.0: table, 0.5: table, 1.0: table}``, see
         `dmis.experiment.bench.samples.SampleTable`, that returns shares of light samples ``(H, W)``, or a pair of these
-        and numbers of camera samples in proportion ``(H, W)``.
+        and numbers of camera samples in proportion ``(H, W)``. Of blocks of a larger image, a rule decides in one after
+        the other, and only shares count.
     scenes
         Names of `dmis.experiment.bench.data.SCENES`, or of `dmis.experiment.bench.data.PACKAGED`, such as ``small``,
-        which come with dmis; or paths of data files of one's own, see docs/bench-files.md.
+        which come with dmis, or of `dmis.experiment.bench.data.FULL`; or paths of data files of one's own, see
+        docs/bench-files.md. All are blocks of larger images, or none.
     seeds
-        Seeds of the pilots. Of packaged scenes, and of one's own, those without a file are left out.
+        Seeds of the pilots. Of other scenes than `dmis.experiment.bench.data.SCENES`, those without a file are left
+        out.
     """
     seeds = list(seeds)
     name, values = rule if isinstance(rule, str) else getattr(rule, "__name__", rule_text(rule)), {}
+    blocks = {}
     for scene in [os.fspath(scene) for scene in scenes]:
         truth = read_truth(path_of(scene))
-        values[scene] = np.array([_columns(rule, scene, seed, truth) for seed in seeds_of(scene, seeds)])
-    return Score(name, values)
+        blocks[scene] = truth.blocks
+        if len({number > 1 for number in blocks.values()}) > 1:
+            raise ValueError(
+                f"scenes must all be blocks of larger images, or none; got these numbers of blocks: {blocks}"
+            )
+        columns = np.stack([_columns(rule, scene, seed, truth) for seed in seeds_of(scene, seeds)])
+        values[scene] = columns[:, 0] if truth.blocks == 1 else columns.mean(axis=0)
+    return Score(name, values, any(number > 1 for number in blocks.values()))
 
 
-def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> list[float]:
-    """Return `COLUMNS` of a rule that learns from the pilots of one seed."""
+def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> Array:
+    """Return `COLUMNS` of a rule that learns from the pilots of one seed, ``(1, 6)``; of an image of blocks, those
+    without each group of them, ``(groups, 6)``.
+    """
+    blocks = truth.split()
+    balance = [Budget(SPP, block.shape, SETTINGS).final(Fit(0.5)) for block in blocks]
+    finals, adaptive = balance, rule == "oracle-samples"
     oracle = isinstance(rule, str) and rule in ORACLES
-    final = None if oracle else decide(rule, read_pilots(path_of(scene, seed)), seed)
-    adaptive = ORACLES[str(rule)] if final is None else np.ndim(final.spp) > 0 and final.patterns is None
-    balance = Budget(SPP, truth.shape, SETTINGS).final(Fit(0.5))
+    if not oracle:
+        finals = [decide(rule, pilots, seed) for pilots in read_pilots(path_of(scene, seed)).split(len(blocks))]
+        adaptive = np.ndim(finals[0].spp) > 0 and finals[0].patterns is None
+    if len(blocks) > 1:  # numbers of samples are decided for a whole image
+        finals, adaptive = [replace(final, spp=SPP, begin=0) for final in finals], adaptive and oracle
+    of_rule, of_balance = (
+        [np.concatenate([of_pixels(*item, m) for item in zip(maps, blocks, strict=True)], axis=1) for m in range(2)]
+        for maps in (finals, balance)
+    )
+    return np.array(
+        [_of_image(None if oracle else of_rule, of_balance, adaptive, part) for part in truth.leave_one_out()]
+    )
+
+
+def _of_image(
+    of_rule: Sequence[Array] | None, of_balance: Sequence[Array], adaptive: bool, truth: Truth
+) -> list[float]:
+    """Return `COLUMNS` from what `of_pixels` returns, by measure; None: of the oracle."""
     ratios, savings = [], []
     for measure in range(2):
-        curves = Oracle(truth.variance[measure, 0], truth.cost, PATCH, SPP, truth.shape)
-        least = curves.limit_with_counts() if adaptive else curves.limit(costly=True)
-        of_balance = error_time(balance, truth, measure)
-        ratios.append(least if final is None else error_time(final, truth, measure) / of_balance)
-        savings.append((1 - ratios[-1]) / (1 - least) if least < 1 else np.nan)
+        curves = Oracle(truth.variance[measure, 0], truth.cost, PATCH, SPP, truth.shape, weight=truth.weight)
+        ratio = least = curves.limit_with_counts() if adaptive else curves.limit(costly=True)
+        if of_rule is not None:
+            ratio = _error_time(of_rule[measure], truth) / _error_time(of_balance[measure], truth)
+        ratios.append(ratio)
+        savings.append((1 - ratio) / (1 - least) if least < 1 else np.nan)
     products = truth.variance[0, 0] * truth.cost
     lit = products[HALF] > 0
     least_product = product = products.min(axis=0)
-    if final is not None:
-        variance, cost, _ = of_pixels(final, truth, 0)
+    if of_rule is not None:
+        variance, cost, _ = of_rule[0]
         product = patch_mean(variance, PATCH) * patch_mean(cost, PATCH)
     regret, harm = (a[lit] / products[HALF][lit] for a in (product - least_product, product))
-    return [*ratios, *savings, float(regret.mean()), float((harm > HARM_LIMIT).mean())]
+    weight = None if truth.weight is None else truth.weight[lit]
+    return [
+        *ratios,
+        *savings,
+        float(np.average(regret, weights=weight)),
+        float(np.average(harm > HARM_LIMIT, weights=weight)),
+    ]
 
 
 def shares_and_samples(final: Round) -> tuple[Array, Array | int]:
@@ -115,15 +158,15 @@ def shares_and_samples(final: Round) -> tuple[Array, Array | int]:
     return light / np.maximum(light + brdf, 1), 1
 
 
-def of_pixels(final: Round, truth: Truth, measure: int) -> tuple[Array, Array, Array]:
-    """Return variance and cost of a camera sample, and numbers of samples, of each pixel, ``(H, W)``.
+def of_pixels(final: Round, truth: Truth, measure: int) -> Array:
+    """Return variance and cost of a camera sample, and numbers of samples, of each pixel, ``(3, H, W)``.
 
     A ValueError if the combiner is not ``balance``, nor ``power`` at w = 1/2.
     """
     shares, samples = (np.broadcast_to(a, truth.shape) for a in shares_and_samples(final))
     y, x = np.ix_(*(np.arange(n) // PATCH for n in truth.shape))
     if final.settings.combiner == "power" and (shares == 0.5).all():
-        return truth.power[measure, y, x], truth.cost[HALF, y, x], samples
+        return np.stack([truth.power[measure, y, x], truth.cost[HALF, y, x], samples])
     one_of("combiner of a rule", final.settings.combiner, ("balance", "power with w = 1/2"))
     # between the points of the grid V is like 1 / (a + b w), as that of one direction is, and C is linear
     shares = np.clip(shares, GRID[0], GRID[-1])
@@ -133,13 +176,21 @@ def of_pixels(final: Round, truth: Truth, measure: int) -> tuple[Array, Array, A
     curves = truth.variance[measure, 0 if final.tilt is None else 1], cost
     (v_low, v_high), (c_low, c_high) = ((curve[k, y, x], curve[k + 1, y, x]) for curve in curves)
     variance = v_low * v_high / np.maximum((1 - t) * v_high + t * v_low, TINY)
-    return variance, (1 - t) * c_low + t * c_high, samples
+    return np.stack([variance, (1 - t) * c_low + t * c_high, samples])
 
 
 def error_time(final: Round, truth: Truth, measure: int) -> float:
     """Return error times cost of a round's image, ``mean(V / n) mean(n C)``; measure 0 is absolute, 1 relative."""
-    variance, cost, n = of_pixels(final, truth, measure)
-    return float((variance / n).mean() * (n * cost).mean())
+    return _error_time(of_pixels(final, truth, measure), truth)
+
+
+def _error_time(maps: Array, truth: Truth) -> float:
+    """Return ``mean(V / n) mean(n C)`` of what `of_pixels` returns."""
+    variance, cost, n = maps
+    weight = None
+    if truth.weight is not None:
+        weight = patch_spread(truth.weight / patch_sum(np.ones(truth.shape), PATCH), PATCH, truth.shape)
+    return float(np.average(variance / n, weights=weight) * np.average(n * cost, weights=weight))
 
 
 STYLES = {"text": ("", "  ", ""), "markdown": ("| ", " | ", " |"), "latex": ("", " & ", r" \\"), "json": ("", "", "")}
@@ -156,20 +207,29 @@ def report(scores: Mapping[str, Score], style: str = "text") -> str:
         columns = {name: {k: v.T.tolist() for k, v in score.values.items()} for name, score in scores.items()}
         return json.dumps({"columns": COLUMNS, "scores": columns})
     scenes = tuple(next(iter(scores.values())).values)
-    heading = "all scenes" if scenes == SCENES else ", ".join(scenes)
-    total = [[heading, *COLUMNS], *([name, *map(_cell, s.over_scenes().T)] for name, s in scores.items())]
+    heading = {SCENES: "all scenes", FULL: "all scenes at full size"}.get(scenes, ", ".join(scenes))
+    total = [[heading, *COLUMNS]]
     by_scene = [["absolute, relative", *scenes]]
     for name, score in scores.items():
-        by_scene.append([name, *(f"{_cell(v[:, 0])}, {_cell(v[:, 1])}" for v in score.values.values())])
+        cell = partial(_cell, blocks=score.blocks)
+        total.append([name, *map(cell, score.over_scenes().T)])
+        by_scene.append([name, *(f"{cell(v[:, 0])}, {cell(v[:, 1])}" for v in score.values.values())])
     return "\n\n".join(_lay_out(rows, style) for rows in (total, by_scene))
 
 
-def _cell(values: Array) -> str:
-    """Return the mean of the values of seeds, and half the width of its interval if there is one."""
+def interval(values: Array, blocks: bool) -> tuple[float, float]:
+    """Return the mean of a column of a `Score` and half of its 95 % interval; of `blocks`, by the jackknife."""
     from scipy.stats import t  # imported where used: scipy.stats takes half a second
 
-    mean, error = mean_and_error(values)
-    width = t.ppf(0.975, max(len(values) - 1, 1)) * error
+    mean, error = map(float, mean_and_error(values))
+    others = max(len(values) - 1, 1)
+    # of a jackknife, sqrt((B - 1) / B sum (x - mean)^2) = (B - 1) times the standard error of independent values
+    return mean, float(t.ppf(0.975, others)) * error * (others if blocks else 1)
+
+
+def _cell(values: Array, blocks: bool) -> str:
+    """Return the mean of a column, and half the width of its interval if there is one."""
+    mean, width = interval(values, blocks)
     return f"{mean:.3g} ± {width:.1g}" if width > 5e-4 * abs(mean) else f"{mean:.3g}"
 
 

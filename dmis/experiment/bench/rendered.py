@@ -12,7 +12,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.estimator.cost import CAMERA, RAY, SHADING, UNTRACED, count_camera_samples, surface_points
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.data import PACKAGED, SCENES, SMALL, path_of, read_pilots
+from dmis.experiment.bench.data import FULL, PACKAGED, SCENES, SMALL, path_of, read_pilots
 from dmis.experiment.bench.decide import AnyRule, decide
 from dmis.experiment.bench.judge import shares_and_samples
 from dmis.fit.given import Given
@@ -31,20 +31,23 @@ BOUND = 0.01
 def load(name: str) -> tuple[Scene, Settings]:
     """Return a scene of the benchmark and its settings: independent points, no compensation of skies.
 
-    A ValueError if it is not one of `SCENES` and `PACKAGED`: of other data, the scene is not known.
+    Those of `FULL` have the whole image that their blocks are cut from. A ValueError if it is not one of `SCENES`,
+    `FULL` and `PACKAGED`: of other data, the scene is not known.
     """
-    if name not in (*SCENES, *PACKAGED):
+    if name not in (*SCENES, *FULL, *PACKAGED):
         raise ValueError(
-            f"only scenes that come with dmis can be rendered, {', '.join((*SCENES, *PACKAGED))}; got {name!r}"
+            f"only scenes that come with dmis can be rendered, {', '.join((*SCENES, *FULL, *PACKAGED))}; got {name!r}"
         )
     settings = Settings(sampler="independent", compensation=0)
     small = name in PACKAGED
-    full_name = "teapot-area-light" if name == SMALL else name.removeprefix("small-")
+    full_name = "teapot-area-light" if name == SMALL else name.removeprefix("small-").removeprefix("full-")
     sizes = {"ten-lights": (60, 45), "veach-mis": (72, 54)}
-    resolution = (24, 18) if name == SMALL else (48, 36) if small else sizes.get(name, (100, 75))
-    if name == "many-lights":
+    resolution: tuple[int, int] | None = None
+    if name not in FULL:
+        resolution = (24, 18) if name == SMALL else (48, 36) if small else sizes.get(name, (100, 75))
+    if full_name == "many-lights":
         make = runpy.run_path(str(SCENE_FOLDER / "make_many_lights.py"))["many_lights"]
-        return make(resolution=resolution), settings
+        return make() if resolution is None else make(resolution=resolution), settings
     file = "cornell" if full_name == "cornell-path" else full_name
     return load_scene(file, resolution), replace(settings, integrator="path" if "path" in name else "auto")
 
