@@ -44,6 +44,8 @@ from dmis.variance.pattern_curves import PatternCurves
 
 LOOK, LOOK_PATHS = 16, 128
 """Budgets for which the pilot has one camera sample, of direct lighting and of paths."""
+PATHS_LOOK_AT = 2
+"""The pilot of paths looks at one of so many patches."""
 EXPONENTS = {"direct": EXPONENT, "path": 1.2}
 """a of low-discrepancy points: more dimensions of a path are left to luck."""
 
@@ -144,7 +146,7 @@ class Auto(OptionRule):
             lights = 0 if budget.plan is None else separate_lights(budget.plan, budget.settings)
             statistic = partial(PatternCurves, combiner=budget.settings.combiner, lights=lights)
             pilot_round = budget.pilot(0.5, 2 * samples, statistic, self.filter == "joint" and not path)
-            pilot = yield replace(pilot_round, spp=samples * looks_at(budget.shape))
+            pilot = yield replace(pilot_round, spp=samples * looks_at(budget.shape, PATHS_LOOK_AT if path else 1))
             if path:
                 choice, error = decide_one_pattern(pilot, self.error)
                 number_error = error_of_numbers(pilot, self.error, a, n_1)

@@ -87,12 +87,16 @@ class PatternChoice:
         return PatternMap(sizes, patch_spread(self.pattern, PATCH, shape), halvings)
 
 
-def looks_at(shape: tuple[int, int]) -> np.ndarray:
-    """Return 1 at the pixels of an image that the pilot looks at, 0 elsewhere, ``(H, W)`` int32."""
+def looks_at(shape: tuple[int, int], every: int = 1) -> np.ndarray:
+    """Return 1 at the pixels of an image that the pilot looks at, 0 elsewhere, ``(H, W)`` int32.
+
+    They are in one of `every` patches of a row, the next ones in the next row.
+    """
     mask = np.zeros(shape, np.int32)
     for y, x in LOOKS:
         mask[y::PATCH, x::PATCH] = 1
-    return mask
+    rows, columns = np.indices(shape) // PATCH
+    return np.where((rows + columns) % every == 0, mask, 0)
 
 
 def decide_patterns(
@@ -143,13 +147,16 @@ def decide_one_pattern(pilot: Pilot, error: str) -> tuple[PatternChoice | None, 
 
 
 def _patch_weight(pilot: Pilot, error: str) -> Array:
-    """Return the weight of patches in the error, by the pixels that the pilot looks at."""
-    looked_at = patch_sum(looks_at(pilot.moments.mean.shape[:2]), PATCH)
-    radiance = patch_sum(pilot.moments.mean.mean(axis=2), PATCH) / looked_at
+    """Return the weight of patches in the error, by the pixels that the pilot looks at; 0 where it has none."""
+    shape = pilot.moments.mean.shape[:2]
+    pixels = patch_sum(np.broadcast_to(pilot.moments.n, (*shape, 1))[..., 0] > 0, PATCH)
+    seen = pixels > 0
     if error == "absolute":
-        return np.ones(radiance.shape)
+        return seen.astype(np.float64)
+    radiance = patch_sum(pilot.moments.mean.mean(axis=2), PATCH) / np.maximum(pixels, 1)
     # q = 1 / (I^2 + e)
-    return np.asarray(1 / (radiance**2 + max(DARK * float(radiance.mean()) ** 2, float(TINY))))
+    dark = max(DARK * float(radiance[seen].mean()) ** 2, float(TINY))
+    return np.where(seen, 1 / (radiance**2 + dark), 0)
 
 
 def curves_of_patches(pilot: Pilot, colours: Sequence[int], filter_: str) -> tuple[PatchCurves, Array]:
@@ -235,15 +242,16 @@ def error_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> flo
     Numbers from `n_1` on follow the variance of patches that half of the pixels see; the other half judges.
     """
     weight = _patch_weight(pilot, error)
+    seen = weight > 0
     of_halves = []
     for colours in HALVES:
         sums = {name: sum(pilot.sums[name][k] for k in colours) for name in ("position", "curve")}
         of_halves.append(np.maximum(sums["position"] + sums["curve"][HALF], 0) * weight)
     errors = [
         confidence(
-            gaussian(v, 1.0, 2) + TINY,
-            judge,
-            np.ones(v.shape),
+            gaussian(v, 1.0, 2, seen)[seen] + TINY,
+            judge[seen],
+            np.ones(np.count_nonzero(seen)),
             n_1,
             pilot.budget,
             exponent,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
+from dmis.base.patches import COLOURS, PATCH, by_colour, patch_spread, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import pattern_costs
@@ -248,6 +248,29 @@ def test_pilots_of_paths_tell_whether_numbers_may_pay() -> None:
     assert of_error["absolute"] < 0.7 and of_error["relative"] > 0.9  # deviations in proportion to the radiance
     luck = np.random.default_rng(1).lognormal(0, 2, (2, 16, 16))[[0, 1, 1, 0]]
     assert error_of_numbers(replace(pilot(FLAT, luck, (64, 64)), budget=64), "relative", 1.2, 8) > 0.95
+
+
+def test_pilots_of_some_patches_judge_alike() -> None:
+    """What the pilot has not seen counts nowhere: neither as dark pixels, nor as zeros among neighbours."""
+    np.testing.assert_array_equal(
+        patch_sum(looks_at((64, 64), 2), PATCH) > 0, np.indices((16, 16)).sum(axis=0) % 2 == 0
+    )
+    curve, position = FLAT * 0.5, np.ones((4, 16, 16))
+    curve[0] = 0.01
+    position[:, :8] = 32
+    brightness = np.kron(np.repeat([1.0, 6.0], 8), np.ones(PATCH))[:, None, None].astype(np.float32)
+    whole = pilot(curve, position, (64, 64))
+    whole = replace(whole, moments=replace(whole.moments, mean=whole.moments.mean * brightness), budget=64)
+    orders = np.random.default_rng(4).random((8, 8, 4)).argsort(axis=2)  # one of 2x2 patches, in all parts alike
+    seen = (orders == 0).reshape(8, 8, 2, 2).swapaxes(1, 2).reshape(16, 16)
+    mask = patch_spread(seen, PATCH, (64, 64))[..., None]
+    moments = replace(whole.moments, n=whole.moments.n * mask, mean=whole.moments.mean * mask)
+    some = replace(whole, moments=moments, sums={name: a * seen for name, a in whole.sums.items()})
+    for error in ("relative", "absolute"):
+        one, other = (error_of_numbers(of, error, 1.2, 8) for of in (whole, some))
+        assert other == pytest.approx(one, rel=0.02)
+        one, other = (decide_one_pattern(of, error)[1] for of in (whole, some))
+        assert other == pytest.approx(one, rel=0.02)
 
 
 def test_lights_that_few_samples_see() -> None:
