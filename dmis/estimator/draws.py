@@ -1,8 +1,8 @@
 """Draws: which light the vertices of a batch sample, which of the vertices, and the shading samples that they take.
 
-All that decides *who samples what* is here: all lights or one that is picked, lights that only a subset of the camera
-samples looks at, lights whose occlusion is known, and the far side of surfaces that light comes through. What an
-estimate is made of is in `dmis.estimator.direct`.
+All that decides *who samples what* is here: all lights or one that is picked, the lamps that a light tree selects among
+where paths have scattered, lights that only a subset of the camera samples looks at, lights whose occlusion is known,
+and the far side of surfaces that light comes through. What an estimate is made of is in `dmis.estimator.direct`.
 
 A technique's shading samples come in batches whose arrays stay in the cache: those that few vertices take are merged.
 Where camera samples are in order, selections are slices, which copy nothing.
@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array, Selection, compose, indices, size, take, take_optional
+from dmis.base.vectors import Array, Index, Selection, compose, indices, size, take, take_optional
 from dmis.estimator.batch import Batch
 from dmis.estimator.samples import Samples, Vertices
+from dmis.light.light import SampledLight
 
 MERGED = 2**15
 """Largest merged batch, in shading samples: larger ones are slower than several, because they leave the cache."""
@@ -60,9 +61,24 @@ def draws(batch: Batch, vertices: Vertices) -> Iterator[Draw]:
 
 
 def _draws_of_side(batch: Batch, vertices: Vertices, beyond: bool) -> Iterator[Draw]:
-    """Yield the lights that the vertices sample: all lights, or one that is picked for each vertex."""
+    """Yield the lights that the vertices sample, which may be others where their paths have scattered before."""
     plan, settings = batch.scene.plan, batch.settings
-    sampled = plan.sampled_lights(settings.lights, settings.sky_compensation)
+    first = plan.sampled_lights(settings.lights, settings.sky_compensation)
+    if vertices.scattered is False or not plan.selects_deeper(settings.lights):
+        yield from _draws_of_lights(batch, vertices, beyond, first, None)
+        return
+    selected = plan.sampled_lights("tree", settings.sky_compensation)
+    scattered = np.broadcast_to(vertices.scattered, vertices.radiance.shape[1])
+    for lights, here in ((selected, scattered), (first, ~scattered)):
+        if here.any():
+            yield from _draws_of_lights(batch, vertices, beyond, lights, indices(here))
+
+
+def _draws_of_lights(
+    batch: Batch, vertices: Vertices, beyond: bool, sampled: tuple[SampledLight, ...], where: Index | None
+) -> Iterator[Draw]:
+    """Yield draws of `sampled` and delta lights at the vertices `where`: of all, or of one picked for each vertex."""
+    plan, settings = batch.scene.plan, batch.settings
     lights = (*sampled, *plan.deltas)
     picked = None
     over_probability = np.float32(1)
@@ -73,7 +89,7 @@ def _draws_of_side(batch: Batch, vertices: Vertices, beyond: bool) -> Iterator[D
     at_first_surface = not vertices.path
     subsets = batch.samples.subsets if at_first_surface and not beyond else None
     for number, light in enumerate(lights):
-        index = None if picked is None else indices(picked == number)
+        index = where if picked is None else indices(picked == number)
         # delta lights share the last place
         subset = None if subsets is None else subsets.of_light(min(number, len(sampled)), vertices.sample)
         if subset is not None:

@@ -27,6 +27,8 @@ class Vertices:
         Delta lobes that led here, or in path tracing the number of vertices before: keys of random numbers.
     radiance
         Radiance reflected or emitted towards the vertex before, ``(3, N)``, added to.
+    scattered
+        Whether a lobe other than a delta lobe sent the path here, ``(N,)`` bool, or one for all.
     """
 
     surface: ShadingPoints
@@ -34,6 +36,7 @@ class Vertices:
     throughput: Array | None
     path: tuple[int, ...]
     radiance: Array
+    scattered: np.ndarray | bool = False
 
 
 @dataclass(eq=False)

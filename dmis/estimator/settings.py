@@ -79,7 +79,8 @@ class Settings:
         lighting, one at each vertex of a path, as pbrt-v2 does. ``tree``, ``power``, ``even``: the area lights
         are sampled as if they were one light (`dmis.light.selection`); each sample selects one of them by a light tree,
         by power, or uniformly. Each of the others, such as skies, is sampled separately. ``auto``: ``all``, or
-        ``tree`` for many lights or a mesh of many triangles, as `dmis.scene.plan.Plan.selection` decides.
+        ``tree`` for many lights or a mesh of many triangles, as `dmis.scene.plan.Plan.selection` decides, and for
+        several area lights where a path has been scattered.
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
         has been scattered by other surfaces too; ``auto``: what the scene's file says, or its

@@ -85,7 +85,10 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
             if emits and emission is not None:
                 out += emission * take(np.asarray(rays.adds_emission), index)
             if not last:
-                add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out))
+                # next-event estimation counted the emission that these rays meet: a lobe scattered them
+                shows = rays.adds_emission
+                scattered = not shows if isinstance(shows, bool) else ~take(shows, index)
+                add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out, scattered))
             if throughput is not None:
                 out *= throughput
             yield out, sample

@@ -77,8 +77,7 @@ class Passes:
             passes = len(job.rule.pilot) + 1
             self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
         job.scene.prepare()
-        # tables, before workers get the scene
-        _ = job.scene.plan.sampled_lights(job.settings.lights, job.settings.sky_compensation)
+        job.scene.plan.prepare(job.settings.lights, job.settings.sky_compensation)  # before workers get the scene
         self._workers = None if serial else Workers(job.scene, parallel)
 
     def __enter__(self) -> Passes:

@@ -42,6 +42,8 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         way = "two techniques, MIS" if mixed else "no surface to sample it for, outside MIS"
         tree = ", a tree selects the triangle of a sample" if plan.selects_triangles(light, "auto") else ""
         lines.append(f"  {type(light).__name__}: {way}{tree}")
+    if plan.selects_deeper("auto"):
+        lines.append(f"  by paths, after the first scattering: a tree selects one of {len(plan.many)} area lights")
     if plan.unseen:
         lines.append(f"  no part has the surface of {_names(plan.unseen)}: invisible to the camera")
     for k, delta in enumerate(plan.deltas):

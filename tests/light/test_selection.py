@@ -10,7 +10,9 @@ from helpers import LEVEL, Z_LIMIT, script
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.materials import matte, plastic
+from dmis.brdf.materials import Material, matte, plastic, shiny_metal
+from dmis.estimator import trace
+from dmis.estimator.samples import Vertices
 from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
@@ -25,7 +27,7 @@ from dmis.light.tree import TreeSelection
 from dmis.samplers.warp import square_to_sphere
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
-from dmis.scene.plan import MANY_LIGHTS
+from dmis.scene.plan import DEEPER_LIGHTS, MANY_LIGHTS
 from dmis.scene.scene import Scene
 from dmis.testing.density import DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, view_checks
@@ -65,7 +67,11 @@ def lamp_part(light: AreaLight) -> Part:
     return Part(sphere(light.radius, segments=16).transformed(translate(light.centre)), matte(0), light)
 
 
-def random_scene(seed: int, count: int = 8) -> Scene:
+WALL = plastic(0.4, 0.4, 0.05)
+PATHS = {"integrator": "path", "max_depth": 4}
+
+
+def random_scene(seed: int, count: int = 8, wall: Material = WALL) -> Scene:
     """A floor, a glossy wall and a ball between lamps of all kinds."""
     rng = np.random.default_rng(seed)
     lights = tuple(lamp(rng, k % 6) for k in range(count))
@@ -73,7 +79,7 @@ def random_scene(seed: int, count: int = 8) -> Scene:
     parts = (
         *(lamp_part(light) for light in lights),
         Part(quad((-2, -2, 0), (4, 0, 0), (0, 4, 0)), matte(0.5)),
-        Part(quad((-2, 2, 0), (4, 0, 0), (0, 0, 3)), plastic(0.4, 0.4, 0.05)),
+        Part(quad((-2, 2, 0), (4, 0, 0), (0, 0, 3)), wall),
         Part(ball, plastic(0.3, 0.3, 0.1)),
     )
     camera = Camera.look_at((0, -4, 2), (0, 0, 0.6), fov=50, resolution=(24, 16))
@@ -285,9 +291,9 @@ def test_a_mesh_of_many_triangles_has_a_tree() -> None:
     assert abs(mean - expected) < Z_LIMIT * np.hypot(error, other_error) and variance < 0.7 * of_area
 
 
-def check_against_all_lights(seed: int, name: str, rule: str, **options: Any) -> None:
-    """Camera rays are the same, whatever the lights, so the difference has the noise of direct light only."""
-    scene = random_scene(seed)
+def check_against_all_lights(seed: int, name: str, rule: str, wall: Material = WALL, **options: Any) -> None:
+    """Paths are the same, whatever the lights, so the difference has the noise of their samples only."""
+    scene = random_scene(seed, wall=wall)
     many, each = (
         dmis.render(scene, of, 64, seed=1, parallel=1, lights=lights, **options).image
         for of, lights in ((rule, name), ("balance", "all"))
@@ -315,6 +321,52 @@ def test_renders_agree_with_all_lights(seed: int) -> None:
 def test_rules_and_paths_agree_with_all_lights(rule: str, options: dict[str, Any]) -> None:
     """Learned shares and counts, paths, resampling and optimal weights see one light and have the same mean."""
     check_against_all_lights(3, "tree", rule, **options)
+
+
+@pytest.mark.parametrize("rule", ["balance", "fixed:1", "fixed:0", "auto"])
+def test_paths_that_select_deeper_agree_with_all_lights(rule: str) -> None:
+    """The wall mirrors and scatters, so a batch has vertices that sample each light and others that select one."""
+    check_against_all_lights(4, "auto", rule, shiny_metal(0.5, 0.5, 0.1), **PATHS)
+
+
+def test_where_paths_select_a_light() -> None:
+    """From four lamps on, where a path has scattered: not before, not with fewer; `info` says so."""
+    few, enough = (random_scene(5, count, shiny_metal(0.5, 0.5, 0.1)) for count in (DEEPER_LIGHTS - 1, DEEPER_LIGHTS))
+
+    def same(scene: Scene, **options: Any) -> bool:
+        images = [dmis.render(scene, "balance", 4, parallel=1, lights=way, **options).image for way in ("auto", "all")]
+        return np.array_equal(*images)
+
+    assert same(few, **PATHS) and not same(enough, **PATHS)
+    assert same(enough, integrator="path", max_depth=1) and same(enough, integrator="direct")
+    line = f"  by paths, after the first scattering: a tree selects one of {DEEPER_LIGHTS} area lights"
+    assert line in enough.describe() and line not in few.describe()
+
+
+def test_a_mirrored_path_has_not_scattered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the vertices after the wall those that the camera sees in the mirror sample each light, others select one."""
+    scene = random_scene(5, wall=shiny_metal(0.5, 0.5, 0.1))
+    met: list[Vertices] = []
+    monkeypatch.setattr(trace, "add_direct_light", lambda batch, vertices: met.append(vertices))
+    # only the wall is in front of the camera
+    eye = np.array([0.0, 1.9, 2.9])[:, None]
+    camera = Camera.look_at(tuple(eye[:, 0]), (0, 2, 2.8), fov=50, resolution=(24, 16))
+    dmis.render(replace(scene, camera=camera), "balance", 16, parallel=1, **PATHS)
+    scattered = mirrored = total = 0
+    for vertices in met:
+        if len(vertices.path) != 1:
+            assert vertices.path or vertices.scattered is False
+            continue
+        flip = np.array([1, -1, 1])[:, None]
+        image = vertices.surface.p * flip + np.array([0, 4, 0])[:, None]
+        off = np.linalg.norm(np.cross(image - eye, vertices.surface.wo * flip, axis=0), axis=0)
+        seen = off < 1e-3 * np.linalg.norm(image - eye, axis=0)
+        assert seen[~np.asarray(vertices.scattered)].all()
+        scattered += np.count_nonzero(vertices.scattered)
+        mirrored += np.count_nonzero(seen)
+        total += len(seen)
+    # glossy directions close to the mirror's are few
+    assert min(scattered, mirrored) > 100 and scattered + mirrored < 1.01 * total
 
 
 @pytest.mark.slow
