@@ -11,21 +11,22 @@ g = 1 compares numbers of samples, ``g = (a_l - a_b) / (a_l + a_b)`` ratios of d
 weight w, is (1) with ``g = f / a_l`` and ``f / a_b``: w = 1 and w = 0 against w = 1/2. There rows count in which one
 density is at most `SPAN` times the other, because a technique alone does not converge in the rest.
 
+(1) also holds for the rows of each light, lobe, depth, block of pixels, and cell of directions.
+
 Sums over camera samples are independent with mean 0, so that their squares add up to the variance of the total. Few
 large ones skew it: z has Hall's correction (Hall, "On the Removal of Skewness by Transformation", 1992, Eq. 2.3).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 
-from dmis.base.vectors import Array, Floats
-from dmis.experiment.doctor.table import LABELS, Table
+from dmis.base.vectors import Array
+from dmis.experiment.doctor.table import Table
 
 LEVEL = 0.01
 """Probability that any test of a right table alarms."""
@@ -35,45 +36,29 @@ SPAN = 8.0
 """Largest ratio of the densities in the tests of w = 0 and w = 1."""
 LEAST_SAMPLES = 50.0
 """Least effective number of rows of each technique in a test: of fewer, the sum is not normal."""
-LABELS_TESTED, BLOCKS = 8, 4
-"""Lights, lobes and depths that are tested apart, those of the most rows; blocks of pixels across and down."""
+BLOCKS = 4
+"""Blocks of pixels across and down."""
+TURNS, HEIGHTS = 16, 8
+"""Cells of directions: of equal angles about the axis z, and of equal steps of z."""
 TINIEST = 1e-100
 """Smallest divisor."""
 
 
-@dataclass(frozen=True)
-class Test:
-    """Comparison of light samples with BRDF samples by (1), or of two weights w.
+class Test(NamedTuple):
+    """Comparison of light samples with BRDF samples by (1).
 
-    Attributes
-    ----------
-    name, where
-        What is compared, and in which rows: ``all``, ``light 3``, ``block 1, 2``.
-    difference
-        Light samples' sum minus that of BRDF samples, over their mean; or that of w = 1 or 0 minus that of w = 1/2.
-    error
-        Its standard error.
-    rows
-        Number of rows.
-    effective
-        Effective number of rows of the technique that has fewer, ``(sum x)^2 / sum x^2`` of the sizes x of its terms.
-    skewness
-        Of the sum of the differences.
+    `difference` is light samples' sum minus that of BRDF samples over their mean, `error` its standard error, and `z`
+    their ratio, corrected for skewness. `effective` is the effective number of rows of the technique that has fewer,
+    ``(sum x)^2 / sum x^2`` of its terms x; in the test of numbers, of a technique without rows: the expected number.
     """
 
     name: str
     where: str
     difference: float
     error: float
+    z: float
     rows: int
     effective: float
-    skewness: float
-
-    @property
-    def z(self) -> float:
-        """The difference in standard errors, corrected for skewness."""
-        t, s = self.difference / self.error, self.skewness
-        return t + s * t**2 / 3 + s**2 * t**3 / 27 + s / 6
 
     @property
     def trusted(self) -> bool:
@@ -91,80 +76,66 @@ def smallest_visible(test: Test, limit: float) -> float:
     return (limit + NormalDist().inv_cdf(POWER)) * test.error
 
 
-def differences(table: Table) -> Iterator[tuple[str, Floats, Floats]]:
-    """Yield by test the signed terms of the rows, whose expected sum is 0, and their sizes, ``(R,)`` each."""
+def terms(table: Table) -> Iterator[tuple[str, Array]]:
+    """Yield by test a term of each row, ``(R,)``, positive of light samples; the expected sum is 0."""
     is_light, total = table.is_light, table.a_l + table.a_b
-    sign = np.where(is_light, 1.0, -1.0)
-    share = np.where(is_light, table.a_b, table.a_l)
-    share /= total
-    yield "numbers", sign * share, share
-    ratio = (table.a_l - table.a_b) / total * share
-    yield "ratios", sign * ratio, np.abs(ratio)
+    signed = np.where(is_light, table.a_b, -table.a_l) / total
+    yield "numbers", signed
+    yield "ratios", (table.a_l - table.a_b) / total * signed
     f = table.f / total  # estimate of the balance heuristic
-    yield "f", sign * share * f, share * f
+    yield "f", f * signed
     f *= (table.a_l <= SPAN * table.a_b) & (table.a_b <= SPAN * table.a_l)
     # f / a_l - f / (a_l + a_b) = f / (a_l + a_b) a_b / a_l
-    for name, drawn, own in (("w = 1", is_light, table.a_l), ("w = 0", ~is_light, table.a_b)):
-        alone = np.where(drawn, f * total / own, 0)
-        yield name, alone - f, alone + f
+    yield "w = 1", np.where(is_light, f * table.a_b / table.a_l, -f)
+    yield "w = 0", np.where(is_light, f, -f * table.a_l / table.a_b)
+
+
+def parts(table: Table) -> Iterator[tuple[list[str], Array]]:
+    """Yield names of parts, and the part of each row, ``(R,)``, as far as the table has columns for it."""
+    yield ["all rows"], np.zeros(len(table), np.int16)
+    for label, column in table.labels.items():
+        values = np.unique(column)
+        yield [f"{label} {value}" for value in values], np.searchsorted(values, column).astype(np.int16)
+    if table.shape is not None:
+        height, width = table.shape
+        row, column = np.divmod(table.pixel, width)
+        names = [f"block {i + 1}, {j + 1}" for i in range(BLOCKS) for j in range(BLOCKS)]
+        yield names, (row * BLOCKS // height * BLOCKS + column * BLOCKS // width).astype(np.int16)
+    direction = table.geometry("direction")
+    if direction is not None:
+        x, y, z = direction.T
+        step = np.clip((z + 1) / 2 * HEIGHTS, 0, HEIGHTS - 1).astype(np.int16)
+        turn = np.clip((np.arctan2(y, x) / (2 * np.pi) + 0.5) * TURNS, 0, TURNS - 1).astype(np.int16)
+        heights = (np.arange(HEIGHTS) + 0.5) * 2 / HEIGHTS - 1
+        degrees = (np.arange(TURNS) + 0.5) * 360 / TURNS - 180
+        yield [f"z {h:+.2f}, {t:+.0f} deg" for h in heights for t in degrees], step * TURNS + turn
 
 
 def tests(table: Table) -> list[Test]:
-    """Return the tests of all rows, of lights, lobes and depths, and of blocks of pixels."""
-    groups = [Group("all rows", slice(None), *_sides(table, slice(None))), *_groups(table), *_blocks(table)]
-    result = []
-    for name, signed, sizes in differences(table):
-        result += [_test(name, group, signed[group.rows], sizes[group.rows]) for group in groups]
-    return result
+    """Return the tests of all rows, and then of parts: lights, lobes, depths, blocks of pixels, cells of directions."""
+    of_rows = {name: signed.astype(np.float32) for name, signed in terms(table)}
+    return [test for names, part in parts(table) for test in _tests(table, of_rows, names, part)]
 
 
-class Group(NamedTuple):
-    """Rows that are tested apart: name, rows, first rows of camera samples, and 1 for light samples."""
-
-    where: str
-    rows: Array | slice
-    starts: Array
-    is_light: Floats
-
-
-def _sides(table: Table, rows: Array | slice) -> tuple[Array, Floats]:
-    """Return the first rows of camera samples, and 1 for light samples, of some rows."""
-    return np.flatnonzero(np.diff(table.sample[rows], prepend=-1)), table.is_light[rows].astype(float)
-
-
-def _test(name: str, group: Group, signed: Floats, sizes: Floats) -> Test:
-    """Return the test of a group's rows."""
-    d = np.add.reduceat(signed, group.starts)
-    squares = float(d @ d) + TINIEST
-    total = float(d.sum())
-    size = float(sizes.sum()) / 2 + TINIEST
-    error = np.sqrt(max(squares - total**2 / len(d), TINIEST)) / size
-    # (sum x)^2 / sum x^2 of light samples, and of BRDF samples: 0 without any
-    square = sizes * sizes
-    effective = min(
-        float(sizes @ side) ** 2 / (float(square @ side) + TINIEST) for side in (group.is_light, 1 - group.is_light)
-    )
-    skewness = float((d * d) @ d) / squares**1.5
-    return Test(name, group.where, total / size, float(error), len(sizes), effective, skewness)
-
-
-def _groups(table: Table) -> Iterator[Group]:
-    """Yield the rows of each light, lobe or depth."""
-    for label in LABELS:
-        if label in table.labels:
-            values, counts = np.unique(table.labels[label], return_counts=True)
-            for value in values[np.argsort(-counts, kind="stable")[:LABELS_TESTED]] if len(values) > 1 else ():
-                rows = np.flatnonzero(table.labels[label] == value)
-                yield Group(f"{label} {value}", rows, *_sides(table, rows))
-
-
-def _blocks(table: Table) -> Iterator[Group]:
-    """Yield the rows of each block of pixels; none without a shape of the image."""
-    if table.shape is None:
-        return
-    height, width = table.shape
-    row, column = np.divmod(table.pixel, width)
-    block = (row * BLOCKS // height * BLOCKS + column * BLOCKS // width).astype(np.int8)
-    for number in np.unique(block):
-        rows = np.flatnonzero(block == number)
-        yield Group(f"block {number // BLOCKS + 1}, {number % BLOCKS + 1}", rows, *_sides(table, rows))
+def _tests(table: Table, of_rows: Mapping[str, Array], names: list[str], part: Array) -> Iterator[Test]:
+    """Yield the tests of parts of the rows."""
+    order = np.argsort(part, kind="stable")
+    part, sample = part[order], table.sample[order]
+    starts = np.flatnonzero((np.diff(sample, prepend=-1) != 0) | (np.diff(part, prepend=-1) != 0))
+    side = 2 * part + table.is_light[order]
+    rows = np.bincount(part, minlength=len(names))
+    for name, signed in of_rows.items():
+        x = signed[order].astype(float)
+        d = np.add.reduceat(x, starts)  # of a camera sample in a part
+        total, squares, cubes = (np.bincount(part[starts], power, len(names)) for power in (d, d * d, d * d * d))
+        # (parts, 2): of BRDF samples, and of light samples
+        sums, sums_of_squares = (np.bincount(side, a, 2 * len(names)).reshape(-1, 2) for a in (np.abs(x), x * x))
+        effective = (sums**2 / (sums_of_squares + TINIEST)).min(axis=1)
+        if name == "numbers":
+            effective = np.where(sums.min(axis=1) > 0, effective, sums.max(axis=1))
+        mean = sums.sum(axis=1) / 2 + TINIEST
+        error = np.sqrt(np.maximum(squares - total**2 / (table.sample[-1] + 1), TINIEST))
+        t, s = total / error, cubes / (squares + TINIEST) ** 1.5
+        z = t + s * t**2 / 3 + s**2 * t**3 / 27 + s / 6
+        columns = (total / mean, error / mean, z, rows, effective)
+        yield from (Test(name, names[k], *(column[k].item() for column in columns)) for k in np.flatnonzero(rows))

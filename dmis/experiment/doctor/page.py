@@ -6,6 +6,8 @@ from html import escape
 
 from dmis.experiment.doctor.diagnosis import Diagnosis
 
+SHOWN = 60
+"""Tests of parts of the rows, those of the largest z."""
 SCALE = 12.0
 """Pixels of a bar for each standard error."""
 STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}td,th{padding:2px 9px;text-align:left}"
@@ -15,7 +17,7 @@ STYLE += "pre{white-space:pre-wrap}.bad{background:#c33}.ok{background:#693}.few
 def page(diagnosis: Diagnosis, name: str) -> str:
     """Return the HTML of a diagnosis: its text, and a bar of z for each test; `name` is the table's."""
     rows = []
-    for test in diagnosis.tests:
+    for test in diagnosis.largest(SHOWN):
         kind = "few" if not test.trusted else "bad" if abs(test.z) > diagnosis.limit else "ok"
         width = min(300.0, SCALE * abs(test.z))
         bar = f'<div class="{kind}" style="width:{width:.0f}px;height:10px"></div>'

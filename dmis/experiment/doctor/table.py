@@ -1,15 +1,13 @@
 """The doctor's table of shading samples: its columns, its reader, and what the reader refuses (docs/doctor.md).
 
-A row is a shading sample: the direction that light sampling or BRDF sampling drew for a camera sample. Rows that both
-techniques could have drawn are compared, so all of these must be there, occluded ones with f = 0, or all but those with
-f = 0 (`visible_only`), of both techniques. Others may be left out where f = 0.
+Rows that both techniques could have drawn are compared, so all of these must be there, or all but those with f = 0.
 """
 
 from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,14 +18,10 @@ from dmis.experiment.bench.samples import SampleTable
 
 VERSION = 1
 """Version of the format."""
-REQUIRED = ("pixel", "camera_sample", "technique", "f", "p_l", "p_b")
+COLUMNS = ("pixel", "camera_sample", "technique", "f", "p_l", "p_b")
 """Columns that every table has."""
 LABELS = ("light", "lobe", "depth")
 """Optional columns of whole numbers: which light, which lobe or material, which surface of the path."""
-GEOMETRY = ("position", "direction", "normal", "geometric_normal", "distance", "light_normal")
-"""Optional columns: distances ``(R,)``, infinite for skies, others ``(R, 3)``; normals and directions are unit."""
-HEADER = ("version", "light_samples", "brdf_samples", "rows", "shape", "visible_only")
-"""Numbers beside the columns: the first three are required; `rows`, ``(H, W)`` and a flag are optional."""
 MOST_MASS = 3.0
 """Estimated probability, at most 1 but for noise, above which a unit is doubted."""
 
@@ -36,26 +30,10 @@ MOST_MASS = 3.0
 class Table:
     """Shading samples that both techniques could have drawn, those of a camera sample one after the other.
 
-    Attributes
-    ----------
-    is_light
-        Whether light sampling drew the row, ``(R,)`` bool.
-    f
-        Integrand, the mean of its channels, ``(R,)`` float32.
-    a_l, a_b
-        Densities times numbers of samples, ``n_l p_l`` and ``n_b p_b``, ``(R,)`` float64.
-    sample
-        Number of the camera sample, ``(R,)``, never falling.
-    pixel
-        Number of the pixel, ``(R,)``.
-    labels
-        Those of `LABELS` that the table has, ``(R,)`` each.
-    source, index
-        The arrays as they were given, and the rows of these that are here, ``(R,)``.
-    shape
-        ``(H, W)`` of the image; None if unknown.
-    notes
-        What the reader doubts.
+    Arrays are ``(R,)``: whether light sampling drew the row; f, the mean of its channels; densities times numbers of
+    samples, ``a_l = n_l p_l`` and ``a_b = n_b p_b``; numbers of the camera sample, never falling, and of the pixel;
+    those of `LABELS` that the table has. `source` has the arrays as they were given, `index` their rows that are here;
+    `shape` is ``(H, W)`` of the image, and `notes` are what the reader doubts.
     """
 
     is_light: Array
@@ -68,20 +46,13 @@ class Table:
     source: Mapping[str, Any]
     index: Array
     shape: tuple[int, int] | None
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.f)
 
-    def thinned(self, most: int) -> Table:
-        """Return the rows of every k-th camera sample, k so that they are about `most` at most."""
-        kept = np.flatnonzero(self.sample % max(1, -(-len(self) // most)) == 0)
-        names = ("is_light", "f", "a_l", "a_b", "sample", "pixel", "index")
-        labels = {name: label[kept] for name, label in self.labels.items()}
-        return replace(self, labels=labels, **{name: getattr(self, name)[kept] for name in names})
-
     def geometry(self, name: str, rows: Array | slice = slice(None)) -> Array | None:
-        """Return one of `GEOMETRY` in some rows; None if the table does not have it."""
+        """Return a column of geometry in some rows, as it was given; None if the table does not have it."""
         return np.asarray(self.source[name])[self.index[rows]] if name in self.source else None
 
 
@@ -96,7 +67,7 @@ def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable)
     if isinstance(source, SampleTable):
         w, s = float(source.w[0]), source.shading_samples
         of_header = {"version": VERSION, "light_samples": w * s, "brdf_samples": (1 - w) * s, "shape": source.shape}
-        names = (*REQUIRED, "light")
+        names = (*COLUMNS, "light")
         return _table({name: getattr(source, name) for name in names} | of_header)
     if isinstance(source, Mapping):
         return _table(source)
@@ -108,51 +79,48 @@ def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable)
 
 def _table(source: Mapping[str, Any]) -> Table:
     """Return the table of arrays by name."""
-    if missing := [name for name in (*HEADER[:3], *REQUIRED) if name not in source]:
+    if missing := [name for name in ("version", "light_samples", "brdf_samples", *COLUMNS) if name not in source]:
         raise ValueError(f"columns {', '.join(missing)} are missing; there are {', '.join(source) or 'none'}")
     if int(source["version"]) != VERSION:
         raise ValueError(f"version must be {VERSION}; got {source['version']}")
-    n_l, n_b = (float(source[name]) for name in HEADER[1:3])
+    n_l, n_b = float(source["light_samples"]), float(source["brdf_samples"])
     if not (0 < n_l < np.inf and 0 < n_b < np.inf):
         raise ValueError(
             f"light_samples and brdf_samples, drawn for each camera sample, must be positive: without one there is "
             f"nothing to compare; got {n_l:g} and {n_b:g}"
         )
-    columns = {name: np.asarray(source[name]) for name in (*REQUIRED, *LABELS) if name in source}
+    columns = {name: np.asarray(source[name]) for name in (*COLUMNS, *LABELS) if name in source}
     _check_lengths(columns, source)
-    technique = columns["technique"]
-    if not np.isin(technique, (-1, 0, 1)).all():
-        raise ValueError(f"technique must be 0 (light), 1 (BRDF) or -1 (ignored); got {np.unique(technique)[:9]}")
-    f = columns.pop("f")
+    technique, f, p_l, p_b = (columns[name] for name in ("technique", "f", "p_l", "p_b"))
     f = f if f.ndim == 1 else f.mean(axis=1)
-    p_l, p_b = columns["p_l"], columns["p_b"]
     _check_values(technique, f, p_l, p_b)
     common = (technique >= 0) & (p_l > 0) & (p_b > 0)
     occluded = np.bincount(technique[common & (f == 0)], minlength=2)
     visible_only = bool(source["visible_only"]) if "visible_only" in source else not occluded.all()
     # whether f is positive is a function of the direction, so that rows with f = 0 may be left out of all tests
     rows = np.flatnonzero(common & (f > 0) if visible_only else common)
-    is_light = technique[rows] == 0
-    if is_light.all() or not is_light.any():
+    lights = np.count_nonzero(technique[rows] == 0)
+    if lights in (0, len(rows)):
         raise ValueError(
             f"the table must have light samples and BRDF samples in directions that both can draw; of {len(f):,} rows "
-            f"{is_light.sum():,} light samples and {(~is_light).sum():,} BRDF samples have p_l > 0 and p_b > 0. Write "
-            f"both densities into every row"
+            f"{lights:,} light samples and {len(rows) - lights:,} BRDF samples have p_l > 0 and p_b > 0. Write both "
+            f"densities into every row"
         )
     key = columns["pixel"][rows] * np.int64(1 + columns["camera_sample"].max()) + columns["camera_sample"][rows]
     if (np.diff(key) < 0).any():
         order = np.argsort(key, kind="stable")
-        rows, key, is_light = rows[order], key[order], is_light[order]
+        rows, key = rows[order], key[order]
     sample = np.concatenate([[0], np.cumsum(np.diff(key) > 0, dtype=np.int32)])
+    a_l, a_b = n_l * p_l[rows].astype(float), n_b * p_b[rows].astype(float)
     labels = {name: columns[name][rows] for name in LABELS if name in columns}
-    _check_counts(sample, is_light, labels, n_l, n_b)
-    f, a_l, a_b = f[rows].astype(np.float32), n_l * p_l[rows].astype(float), n_b * p_b[rows].astype(float)
     shape = (int(source["shape"][0]), int(source["shape"][1])) if "shape" in source else None
-    lights = len(np.unique(labels["light"])) if "light" in labels else 1
-    notes = [*_doubts((a_l, a_b), sample, is_light, lights)]
-    if occluded.any() and visible_only:
-        notes.append("rows with f = 0 are left out, because the table has none of one technique, or says visible_only")
-    return Table(is_light, f, a_l, a_b, sample, columns["pixel"][rows], labels, source, rows, shape, tuple(notes))
+    f, pixel = f[rows].astype(np.float32), columns["pixel"][rows]
+    table = Table(technique[rows] == 0, f, a_l, a_b, sample, pixel, labels, source, rows, shape)
+    _check_counts(table, n_l, n_b)
+    notes = list(_doubts(table))
+    if visible_only and occluded.any():
+        notes.append("rows with f = 0 are left out: one technique has none, or the table says visible_only")
+    return replace(table, notes=tuple(notes))
 
 
 def _check_lengths(columns: Mapping[str, Array], source: Mapping[str, Any]) -> None:
@@ -169,6 +137,7 @@ def _check_values(technique: Array, f: Array, p_l: Array, p_b: Array) -> None:
     own = np.where(technique == 1, p_b, p_l)
     drawn = technique >= 0
     for wrong, text in (
+        (~np.isin(technique, (-1, 0, 1)), "technique must be 0 (light), 1 (BRDF) or -1 (ignored)"),
         (~np.isfinite(f), "f must be a number: a NaN or infinity in a sample spoils its pixel"),
         (~np.isfinite(p_l + p_b), "densities must be numbers; leave out delta lights and mirrors, which have none"),
         ((p_l < 0) | (p_b < 0), "densities must not be negative"),
@@ -183,13 +152,12 @@ def _check_values(technique: Array, f: Array, p_l: Array, p_b: Array) -> None:
             )
 
 
-def _check_counts(sample: Array, is_light: Array, labels: Mapping[str, Array], n_l: float, n_b: float) -> None:
+def _check_counts(table: Table, n_l: float, n_b: float) -> None:
     """Raise a ValueError if a camera sample has more samples of one technique than the header says."""
-    some = slice(2**17)
-    values = (sample, is_light, *(labels[name] for name in ("light", "depth") if name in labels))
-    rows, counts = np.unique(np.stack([a[some] for a in values], axis=1), axis=0, return_counts=True)
+    some = [table.is_light, table.sample, *(table.labels[name] for name in ("light", "depth") if name in table.labels)]
+    rows, counts = np.unique(np.stack([a[: 2**17] for a in some], axis=1), axis=0, return_counts=True)
     for kind, name, n in ((1, "light_samples", n_l), (0, "brdf_samples", n_b)):
-        most = counts[rows[:, 1] == kind].max(initial=0)
+        most = counts[rows[:, 0] == kind].max(initial=0)
         if most > np.ceil(n):
             raise ValueError(
                 f"{name} is {n:g}, but a camera sample has {most} such rows. Write how many are drawn, count camera "
@@ -197,16 +165,16 @@ def _check_counts(sample: Array, is_light: Array, labels: Mapping[str, Array], n
             )
 
 
-def _doubts(a: tuple[Floats, Floats], sample: Array, is_light: Array, lights: int) -> list[str]:
-    """Return what may be wrong with the table itself, as sentences; `a` are ``n_l p_l`` and ``n_b p_b``."""
-    notes = []
-    draws = lights * (int(sample[-1]) + 1)
-    for drawn, own, other, names in ((is_light, *a, "p_b / p_l"), (~is_light, *a[::-1], "p_l / p_b")):
+def _doubts(table: Table) -> Iterator[str]:
+    """Yield what may be wrong with the table itself, as sentences."""
+    lights = len(np.unique(table.labels["light"])) if "light" in table.labels else 1
+    draws = lights * (int(table.sample[-1]) + 1)
+    ratio = table.a_b / table.a_l
+    for drawn, terms, name in ((table.is_light, ratio, "p_b / p_l"), (~table.is_light, 1 / ratio, "p_l / p_b")):
         # E[p_b / p_l] of a light sample = probability that a BRDF sample is one that light sampling can draw <= 1
-        mass = (other[drawn] / own[drawn]).sum() / draws
+        mass = terms[drawn].sum() / draws
         if mass > MOST_MASS:
-            notes.append(
-                f"the mean of {names} over the rows of the technique below is a probability, but it is {mass:.3g}: is "
+            yield (
+                f"the mean of {name} over the rows of the technique below is a probability, but it is {mass:.3g}: is "
                 f"one density not per solid angle, or has it a factor too many?"
             )
-    return notes

@@ -1,0 +1,145 @@
+"""Evidence of a table: sums that are 0 if nothing is wrong, or if a cause is taken out, with their covariance.
+
+Equation (1) of `dmis.experiment.doctor.means` must hold for all functions g at once; here these are `J` bounded ones of
+the densities, of f, of the geometry and of labels. With the sums m of their differences and the covariance C of m, the
+misfit is ``Q = m^T C^-1 m``, chi-square with J degrees of freedom if nothing is wrong (Hansen 1982: generalised method
+of moments).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.base.vectors import Array, Floats
+from dmis.experiment.doctor.means import LEAST_SAMPLES
+from dmis.experiment.doctor.table import Table
+
+JOINT = 400_000
+"""Rows of each half that is tested."""
+LIGHT_ROWS = 6
+"""Light samples kept for each BRDF sample: more would not make differences more certain."""
+LABELS_TOLD = 4
+"""Lights, lobes and depths that are told apart, those of the most rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Rows of a table, in the order of the camera samples.
+
+    `starts` are the first rows of camera samples, `weight` is how many rows of the table each stands for, `logs` has
+    logarithms of densities (times numbers of samples) and of f, `measures` those of measures by name, and `labels`
+    masks by names such as ``light 3``; ``(R,)`` each.
+    """
+
+    is_light: Array
+    starts: Array
+    weight: Floats
+    logs: dict[str, Floats]
+    measures: dict[str, Floats]
+    labels: dict[str, Array]
+
+    def moments(self, column: str = "", shift: Floats | float = 0.0) -> tuple[Floats, Floats]:
+        """Return the sums m ``(J,)``, and their covariance C, with the logarithm of a column lowered by `shift`."""
+        logs = self.logs | ({column: self.logs[column] - shift} if column else {})
+        x = np.tanh((logs["p_l"] - logs["p_b"]) / 2)  # (a_l - a_b) / (a_l + a_b)
+        estimate = logs["f"] - np.logaddexp(logs["p_l"], logs["p_b"])
+        lit = np.isfinite(estimate)
+        middle = estimate[lit].mean() if lit.any() else 0.0
+        bounded = 1 / (1 + np.exp(middle - estimate))
+        functions = [np.ones_like(x), x, x * x, bounded, bounded * x, bounded * bounded]
+        functions += [np.clip(m - np.median(m), -3, 3) for m in self.measures.values()]
+        functions += [*self.labels.values()][1:]  # the first may be 1 less the others
+        # a_b / (a_l + a_b) of light samples, -a_l / (a_l + a_b) of BRDF samples
+        signed = np.where(self.is_light, 1 - x, -1 - x) * (self.weight / 2)
+        d = np.add.reduceat(np.stack(functions) * signed, self.starts, axis=1)
+        total = d.sum(axis=1)
+        covariance = d @ d.T - np.outer(total, total) / d.shape[1]
+        return total, covariance
+
+
+def solve(covariance: Floats, m: Floats) -> Floats:
+    """Return ``C^-1 m``, with a little added to the diagonal: a function may be nearly a sum of others."""
+    error = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+    correlation = covariance / np.outer(error, error) + 1e-5 * np.eye(len(error))
+    return np.asarray(np.linalg.solve(correlation, m / error) / error)
+
+
+def misfit(m: Floats, covariance: Floats) -> float:
+    """Return Q."""
+    return float(m @ solve(covariance, m))
+
+
+def p_value(degrees: int, q: float) -> float:
+    """Return the probability that chi-square exceeds q."""
+    from scipy.special import chdtrc  # imported where used: it takes longer than the rest
+
+    return float(chdtrc(degrees, q))
+
+
+def joint_test(table: Table, seed: int = 0) -> float:
+    """Return the larger of the p-values that two halves of the camera samples have if nothing is wrong.
+
+    A few large samples, to which Q is not chi-square, are in one half only.
+    """
+    values = []
+    for half in (0, 1):
+        m, covariance = gather(table, JOINT, seed, half).moments()
+        values.append(p_value(len(m), misfit(m, covariance)))
+    return max(values)
+
+
+def gather(table: Table, most: int, seed: int, half: int | None = None) -> Evidence:
+    """Return about `most` rows at most: some camera samples, with `LIGHT_ROWS` light rows for each BRDF row.
+
+    With a `half`, 0 or 1, they are of every other camera sample.
+    """
+    rng = np.random.default_rng(seed)
+    brdf = len(table) - np.count_nonzero(table.is_light)
+    keep = min(1.0, LIGHT_ROWS * brdf / (len(table) - brdf))
+    share = min(1.0, most / (brdf + keep * (len(table) - brdf)))
+    chosen = rng.random(int(table.sample[-1]) + 1) < share
+    if half is not None:
+        chosen[1 - half :: 2] = False
+    rows = np.flatnonzero(chosen[table.sample] & (~table.is_light | (rng.random(len(table)) < keep)))
+    is_light, f, a_l, a_b = (a[rows] for a in (table.is_light, table.f, table.a_l, table.a_b))
+    labels: dict[str, Array] = {}
+    for name, column in table.labels.items():
+        values, counts = np.unique(column[rows], return_counts=True)
+        for value in values[np.argsort(-counts, kind="stable")][:LABELS_TOLD] if len(values) > 1 else ():
+            mask = column[rows] == value
+            if np.bincount(is_light[mask], minlength=2).min() >= LEAST_SAMPLES:
+                labels[f"{name} {value}"] = mask
+    with np.errstate(divide="ignore"):  # f may be 0
+        logs = {"p_l": np.log(a_l), "p_b": np.log(a_b), "f": np.log(f)}
+    starts = np.flatnonzero(np.diff(table.sample[rows], prepend=-1))
+    return Evidence(is_light, starts, np.where(is_light, 1 / keep, 1.0), logs, dict(measures(table, rows)), labels)
+
+
+def measures(table: Table, rows: Array) -> Iterator[tuple[str, Floats]]:
+    """Yield logarithms of what formulas of densities have, by name, as far as the table has columns for it.
+
+    ``cos/d^2`` of the light, 1 of skies; ``cos`` of the shading normal; ``normals``, the geometric normal's cosine
+    over that; ``sin z``, the sine of the angle between the direction and an axis, 1 of lights that are not skies.
+    """
+    direction = table.geometry("direction", rows)
+    if direction is None:
+        return
+    columns = (table.geometry(name, rows) for name in ("normal", "geometric_normal", "distance", "light_normal"))
+    normal, geometric, distance, of_light = columns
+    sky = np.ones(len(rows), bool) if distance is None else np.isinf(distance)
+    if distance is not None and of_light is not None and not sky.all():
+        yield "cos/d^2", np.where(sky, 0, _log_cos(of_light, direction) - 2 * np.log(np.where(sky, 1, distance)))
+    if normal is not None:
+        yield "cos", _log_cos(normal, direction)
+    if normal is not None and geometric is not None and (normal != geometric).any():
+        yield "normals", _log_cos(geometric, direction) - _log_cos(normal, direction)
+    for k, axis in enumerate("xyz" if sky.any() else ""):
+        yield f"sin {axis}", np.where(sky, np.log(np.maximum(1 - direction[:, k] ** 2, 1e-6)) / 2, 0)
+
+
+def _log_cos(a: Array, b: Array) -> Floats:
+    """Return the logarithm of the absolute cosine between unit vectors, ``(R,)``."""
+    return np.log(np.maximum(np.abs(np.einsum("rc,rc->r", a, b, dtype=float)), 1e-6))
