@@ -17,16 +17,16 @@ All images are unbiased. So the error is the variance over seeds, pilots include
 no reference is needed.
 """
 
+import csv
 import sys
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import SCENES, machine, options, replace_table, show
+from common import ROOT, options, show
 
 import dmis
 from dmis.base.patches import patch_mean
@@ -37,7 +37,7 @@ opts, given = options(
     __file__,
     "errors without a texture, and with a splatted Gaussian",
     seeds={"type": int, "default": 8, "help": "number of seeds (default 8)"},
-    page={"type": Path, "help": "gets the table between its marks 'floors'"},
+    csv={"type": Path, "help": "results (default docs/tables/floors.csv)"},
 )
 WEIGHS = ("heuristic", "samples")
 PARTS = 4
@@ -66,10 +66,12 @@ def variance(images):
     return np.var(images, axis=0, ddof=1, dtype=np.float64).mean(axis=-1)
 
 
-def cell(errors, base):
-    """Return a ratio of mean errors with its interval."""
-    ratio, half = ratio_over_blocks(errors, base)
-    return f"{ratio:.3f} ± {half:.3f}"
+def cells(label, base, tilt, shares):
+    """Return a row: the error of balance, and ratios of mean errors with intervals."""
+    row = [label, f"{base.mean():.2e}"]
+    for errors in (tilt, shares):
+        row += [f"{value:.3f}" for value in ratio_over_blocks(errors, base)]
+    return row
 
 
 # %%
@@ -84,16 +86,15 @@ for part in scene.parts:
             part = replace(part, material=dmis.matte(mean.repeat(3)))
     parts.append(part)
 plain = replace(scene, parts=tuple(parts))
-lines = []
+rows = []
 for label, tried in (("as it is", scene), ("floor without texture", plain)):
     base = variance([render(tried, "balance", 32, k)[0] for k in range(given.seeds)])
-    cells = []
+    errors = []
     for weigh in WEIGHS:
         rule = f"thesis:weigh={weigh}"
         images = [render(tried, rule, 38, k)[0] for k in range(given.seeds)]
-        cells.append(cell(variance(images) * (128 / 122), base))
-    label = f"KILLEROO DIFFUSE, {label} (32 spp)"
-    lines.append(f"| {label} | {base.mean():.2e} | {' | '.join(cells)} |")
+        errors.append(variance(images) * (128 / 122))
+    rows.append(cells(f"KILLEROO DIFFUSE, {label} (32 spp)", base, *errors))
 
 # %%
 # The teapot, averaged over each pixel and by the Gaussian from the same samples.
@@ -124,21 +125,15 @@ def of_seeds(weigh):
 
 base, *errors = (of_seeds(weigh) for weigh in (None, *WEIGHS))
 for k, label in enumerate(("mean over a pixel", "splatted Gaussian")):
-    cells = [cell(error[k] * (128 / 122), base[k]) for error in errors]
-    lines.append(
-        f"| TEAPOT AREA LIGHT, {label} | {base[k].mean():.2e} | {' | '.join(cells)} |"
-    )
+    both = [error[k] * (128 / 122) for error in errors]
+    rows.append(cells(f"TEAPOT AREA LIGHT, {label}", base[k], *both))
 
 # %%
-# Publish the table.
-ratios = " and ".join(
-    f"{SCENES[name].equal_samples:.3f}"
-    for name in ("killeroo-diffuse", "teapot-area-light")
-)
-about = f"Made on {date.today()} on {machine()}: {given.seeds} seeds, half of the"
-about += f" thesis's side length; the thesis has {ratios}."
-head = "| scene | MSE of balance | heuristic / balance | samples / balance |"
-table = [about, "", head, "|---|---|---|---|", *lines]
-print("", *table, sep="\n")
-if given.page is not None:
-    replace_table(given.page, "floors", *table)
+# Keep the table; ``score_tables.py`` puts it into the page.
+tables = opts.output.parent if opts.size == "quick" else ROOT / "docs" / "tables"
+path = given.csv or tables / "floors.csv"
+with open(path, "w", newline="", encoding="utf-8") as file:
+    table = csv.writer(file, lineterminator="\n")
+    table.writerow(["scene", "mse", "tilt", "tilt half", "shares", "shares half"])
+    table.writerows(rows)
+print(path.read_text("utf-8"))

@@ -71,8 +71,7 @@ RULES = {
 """Rules by the names of the table."""
 REFERENCE_SPP = {"direct": 1024, "path": 512}
 """Camera samples of each half of a reference, where its sides are a quarter of the
-thesis's; an eighth of them at the thesis's size, which has sixteen times the pixels,
-and half of them for the teapot, whose error is in few pixels."""
+thesis's; half of them where they are twice as long, because there are more pixels."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +126,7 @@ CHOICES = {
     "patch 8": "thesis:patch=8",
     "patch 32": "thesis:patch=32",
     "pilots of 4": "thesis:spp=4",
+    "sigma 0.5": "thesis:sigma=0.5",
     "sigma 0.7": "thesis:sigma=0.7",
     "sigma 1.25": "thesis:sigma=1.25",
     "sigma 2": "thesis:sigma=2",
@@ -195,10 +195,9 @@ def scene_of(name: str) -> dmis.Scene:
 @cache
 def reference_of(name: str, integrator: str) -> dmis.Reference:
     """Return the reference of a scene."""
-    fewer = 1 if given.divisor > 1 else 2 if name.startswith("teapot") else 8
     return dmis.make_reference(
         scene_of(name),
-        REFERENCE_SPP[integrator] // fewer,
+        min(REFERENCE_SPP[integrator], REFERENCE_SPP[integrator] * given.divisor // 4),
         integrator=integrator,
         parallel=opts.threads,
         progress=show(f"reference of {name}, {integrator}"),

@@ -22,7 +22,7 @@ SEEDS = range(3)
 # %%
 # The error of every patch, against a reference, averaged over seeds: MSE = mean of (x -
 # r₁)(x - r₂), with two independent halves r₁, r₂ of a reference.
-scene = opts.scene("killeroo-gold", opts.pick(32, 2, 1))
+scene = opts.scene("killeroo-gold", opts.pick(32, 4, 1))
 reference = opts.reference(scene, opts.pick(32, 128), "path")
 PATHS = {"preset": "thesis", "integrator": "path"}
 images = [

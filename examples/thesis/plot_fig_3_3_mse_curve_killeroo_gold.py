@@ -123,9 +123,9 @@ ends = {colour: (y[0] / y[1], y[2] / y[1]) for colour, y in points.items()}
 opts.save_for_print(
     figure,
     "Figure 3.3: error against weight, KILLEROO GOLD",
-    f"""Variance of a sample by paths, over that at w = ½. On the gold it is
-    {ends["red"][0]:.1f} at w = 0 and {ends["red"][1]:.1f} at w = 1, on the floor
+    f"""Variance of a sample by paths, over that at w = ½: on the gold
+    {ends["red"][0]:.1f} at w = 0, {ends["red"][1]:.1f} at w = 1; on the floor
     {ends["blue"][0]:.0f} and {ends["blue"][1]:.0f}. Most of {PILOTS} pilots of two
-    samples per pixel (below) miss the second, and say w = ¾.""",
+    samples per pixel (below) miss the second, and say ¾.""",
     panel=axes["red"],
 )

@@ -43,7 +43,10 @@ CROPS = {  # rows and columns, in shares of the image
 MORE = {
     name: {"preset": "thesis", "integrator": SCENES[name].integrator} for name in CROPS
 }
-scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in CROPS}
+SMALLER = {"killeroo-gold": 4}  # paths take longer
+scenes = {
+    name: opts.scene(name, opts.pick(32, SMALLER.get(name, 2), 1)) for name in CROPS
+}
 pilots = {
     name: [
         dmis.render(scene, f"fixed:{w:g},weigh=heuristic", 2, seed=k, **MORE[name])

@@ -2,8 +2,10 @@
 The tables of the reproduction, from its table of results
 =========================================================
 
-Makes the tables of docs/reproduction.md from docs/tables/reproduction.csv, a row of
-which is a render of ``make_score.py``. The score of a row of ratios is
+Makes the tables of docs/reproduction.md from three files of docs/tables:
+``reproduction.csv``, a row of which is a render of ``make_score.py``,
+``reproduction-full.csv``, results of three seeds at the thesis's resolution by commit
+c8bbb91, and ``floors.csv`` of ``make_floors.py``. The score of a row of ratios is
 
     score = sqrt(mean over scenes of ln(our ratio / the thesis's ratio)²),
 
@@ -29,10 +31,20 @@ opts, given = options(
     csv={"type": Path, "help": "results (default docs/tables/reproduction.csv)"},
     page={"type": Path, "help": "gets the tables between its marks"},
 )
-CSV = given.csv or ROOT / "docs" / "tables" / "reproduction.csv"
+TABLES = ROOT / "docs" / "tables"
 MEASURES = "linear", "clipped"
 OWN_ROWS = "balance", "power", "tilt", "shares"
 """Rules with rows of their own; the others are choices where the thesis is silent."""
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table."""
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+RESULTS = read(given.csv or TABLES / "reproduction.csv")
+FULL = {row["scene"]: row for row in read(TABLES / "reproduction-full.csv")}
 
 
 @dataclass(frozen=True)
@@ -42,11 +54,13 @@ class Group:
     setup: str
     divisor: int = 4
     scenes: str = "shipped"
+    below: int = 100  # seeds
 
     def rows(self, scene: str, rule: str) -> dict[int, dict[str, str]]:
         """Return the rows of a scene and rule, by seed."""
         key = self.setup, self.scenes, str(self.divisor), scene, rule
-        return {int(r["seed"]): r for r in RESULTS if tuple(r.values())[:5] == key}
+        rows = {int(r["seed"]): r for r in RESULTS if tuple(r.values())[:5] == key}
+        return {seed: row for seed, row in rows.items() if seed < self.below}
 
     def seeds(self, scene: str, *rules: str) -> list[int]:
         """Return the seeds that all the rules have."""
@@ -63,14 +77,10 @@ class Group:
         column = f"{measure} mse"
         return self.total(scene, rule, column, seeds) / len(seeds) if seeds else np.nan
 
-    def slower(self, scene: str, rule: str) -> float:
-        """Return CPU seconds of a rule over those of balance, medians over seeds."""
-        seeds = self.seeds(scene, "balance", rule)
-        seconds = [
-            np.median([float(self.rows(scene, r)[seed]["seconds"]) for seed in seeds])
-            for r in (rule, "balance")
-        ]
-        return seconds[0] / seconds[1]
+    def seconds(self, scene: str, rule: str) -> float:
+        """Return CPU seconds at the thesis's size, median over seeds."""
+        rows = self.rows(scene, rule).values()
+        return np.median([float(row["seconds"]) for row in rows]) * self.divisor**2
 
     def ratio(
         self, scene: str, rule: str, measure: str = "linear", other: str = ""
@@ -102,11 +112,8 @@ class Group:
     def cell(self, scene: str, rule: str, measure: str = "linear") -> str:
         """Return a ratio with its 95 % interval."""
         value, variance, _ = self.ratio(scene, rule, measure)
-        return (
-            "–"
-            if np.isnan(value)
-            else f"{value:.3f} ± {1.96 * value * variance**0.5:.3f}"
-        )
+        half = 1.96 * value * variance**0.5
+        return "–" if np.isnan(value) else f"{value:.3f} ± {half:.3f}"
 
     def score(self, *rules: str) -> str:
         """Return the score of a rule with its 95 % interval, or that of the difference
@@ -121,7 +128,7 @@ class Group:
             mean = np.log([ratio[0] for ratio in ratios])
             covariance = np.diag([ratio[1] for ratio in ratios])
             if len(rules) > 1:
-                covariance[0, 1] = covariance[1, 0] = ratios[1][2]
+                covariance[0, 1] = covariance[1, 0] = np.nan_to_num(ratios[1][2])
             if np.isnan(mean).any():
                 return "–"
             draws = rng.multivariate_normal(mean, covariance, 10_000)
@@ -132,10 +139,38 @@ class Group:
         return f"{values[0]:.3f} ({low:.3f} – {high:.3f})"
 
 
+class Full(Group):
+    """Results at the thesis's resolution: independent points, no clipped errors, and no
+    covariances."""
+
+    def seeds(self, scene: str, *rules: str) -> list[int]:
+        return [0, 1, 2]
+
+    def mse(self, scene: str, rule: str = "balance", measure: str = "linear") -> float:
+        return float(FULL[scene]["mse"])
+
+    def seconds(self, scene: str, rule: str) -> float:
+        more = float(FULL[scene]["more time"]) if rule == "tilt" else 0
+        return float(FULL[scene]["seconds"]) * (1 + more)
+
+    def ratio(
+        self, scene: str, rule: str, measure: str = "linear", other: str = ""
+    ) -> tuple[float, float, float]:
+        if measure == "clipped":
+            return np.nan, np.nan, np.nan
+        value, half = (float(FULL[scene][key]) for key in (rule, f"{rule} half"))
+        return value, (half / 1.96 / value) ** 2, np.nan
+
+
 def scores(ratios: np.ndarray) -> np.ndarray:
     """Return the scores of ratios, whose last axis is that of the scenes."""
     told = np.array([about.equal_samples for about in SCENES.values()])
     return np.sqrt((np.log(ratios / told) ** 2).mean(axis=-1))
+
+
+def times(factor: float) -> str:
+    """Return a factor with two digits, without an exponent."""
+    return f"{factor:.0f}" if factor >= 100 else f"{factor:.2g}"
 
 
 def publish(marks: str, head: str, lines: list[str]) -> None:
@@ -146,13 +181,15 @@ def publish(marks: str, head: str, lines: list[str]) -> None:
         replace_table(given.page, marks, *table)
 
 
-with open(CSV, newline="", encoding="utf-8") as file:
-    RESULTS = list(csv.DictReader(file))
 TITLES = " | ".join(about.title for about in SCENES.values())
 MAIN = [
     group
     for group in (
-        Group(s, divisor) for s in ("independent", "nearest") for divisor in (1, 4)
+        Full("independent", 1),
+        Group("independent"),
+        Group("nearest", 1),
+        Group("nearest", 2),
+        Group("nearest"),
     )
     if any(group.seeds(scene, "balance", "tilt") for scene in SCENES)
 ]
@@ -161,7 +198,7 @@ MAIN = [
 def size_of(group: Group, scene: str) -> str:
     """Return what a row is about: set-up, share of the side length, seeds."""
     seeds = len(group.seeds(scene, "balance", "tilt"))
-    size = {1: "full", 4: "1/4"}[group.divisor]
+    size = {1: "full", 2: "1/2", 4: "1/4"}[group.divisor]
     return f"{group.setup}, {size}, {seeds} {'seed' if seeds == 1 else 'seeds'}"
 
 
@@ -175,15 +212,16 @@ for (name, about), group in itertools.product(SCENES.items(), MAIN):
         continue
     value, variance, _ = group.ratio(name, "tilt")
     covered = abs(about.equal_samples - value) <= 1.96 * value * variance**0.5
-    slower = group.slower(name, "tilt")
+    seconds = group.seconds(name, "balance")
+    slower = group.seconds(name, "tilt") / seconds
     cells = [
         about.title,
         size_of(group, name),
-        f"{mse:.2e} ({mse / about.mse:.2g})",
+        f"{mse:.2e} ({times(mse / about.mse)})",
         f"{group.cell(name, 'tilt')} ({about.equal_samples:.3f})",
         "yes" if covered else "no",
         f"{value * slower:.3f} ({about.equal_time:.3f})",
-        f"{slower - 1:+.0%} ({about.overhead:+.0%})",
+        f"{seconds:.0f} {slower - 1:+.0%} ({about.seconds} {about.overhead:+.0%})",
         group.cell(name, "tilt", "clipped"),
         group.cell(name, "shares"),
     ]
@@ -191,36 +229,24 @@ for (name, about), group in itertools.product(SCENES.items(), MAIN):
 publish(
     "table 4.1",
     "| scene | set-up, side length, seeds | MSE of balance (over the thesis's) |"
-    " tilt / balance (the thesis's) | covered | × CPU time (the thesis's, equal time) |"
-    " more CPU time | tilt / balance, clipped | shares / balance |",
+    " tilt / balance (the thesis's) | covered | × CPU time (equal time) |"
+    " seconds | tilt / balance, clipped | shares / balance |",
     lines,
 )
 
 # %%
 # Scores, and what a score is worth: that of no effect at all, and that of the thesis's
 # own other row, in equal time, whose samples are 119 in place of 122.
-told = np.array([about.equal_samples for about in SCENES.values()])
 equal_time = np.array([about.equal_time for about in SCENES.values()]) * 119 / 122
 lines = [
-    f"| {label} | {' | '.join(f'{r:.3f}' for r in row)} | {scores(row):.3f} |"
-    for label, row in (
-        ("thesis, equal samples", told),
-        ("thesis, equal time × 119 / 122", equal_time),
-        ("no effect", np.ones(4)),
-    )
+    f"| no effect: ratios of 1 | {scores(np.ones(4)):.3f} | | |",
+    f"| thesis, equal time × 119 / 122 | {scores(equal_time):.3f} | | |",
 ]
 for group in MAIN:
-    if np.isnan([group.mse(scene, "shares") for scene in SCENES]).any():
-        continue
-    label = size_of(group, "tt")
-    for rule in ("tilt", "shares"):
-        cells = " | ".join(group.cell(scene, rule) for scene in SCENES)
-        lines.append(f"| {label}: {rule} | {cells} | {group.score(rule)} |")
-    cells = " | " * len(SCENES)
-    lines.append(
-        f"| {label}: tilt minus shares {cells}| {group.score('tilt', 'shares')} |"
-    )
-publish("score", f"| ratios | {TITLES} | score |", lines)
+    if not np.isnan([group.mse(scene, "shares") for scene in SCENES]).any():
+        cells = [group.score(*r) for r in (["tilt"], ["shares"], ["tilt", "shares"])]
+        lines.append(f"| {size_of(group, 'tt')} | {' | '.join(cells)} |")
+publish("score", "| ratios | tilt | shares | tilt minus shares |", lines)
 
 # %%
 # From one set-up to the other: errors of the balance heuristic over the thesis's.
@@ -238,20 +264,22 @@ for label, (group, rule) in STEPS.items():
     cells = []
     for name, about in SCENES.items():
         both = [group.mse(name, rule, m) / about.mse for m in MEASURES]
-        cells.append("–" if np.isnan(both[0]) else "{:.2g} ({:.2g})".format(*both))
-    lines.append(f"| {label} | {' | '.join(cells)} |")
+        cell = f"{times(both[0])} ({times(both[1])})"
+        cells.append("–" if np.isnan(both[0]) else cell)
+    if set(cells) != {"–"}:
+        lines.append(f"| {label} | {' | '.join(cells)} |")
 publish("set-ups", f"| set-up | {TITLES} |", lines)
 
 # %%
-# Other choices where the thesis is silent, with independent points.
+# Other choices where the thesis is silent, with independent points, of equal seeds.
 lines = []
-group = Group("independent")
-choices = [r["rule"] for r in RESULTS if r["rule"] not in OWN_ROWS]
-for rule in ("tilt", *dict.fromkeys(choices)):
+choices = [row for row in RESULTS if row["rule"] not in OWN_ROWS]
+seeds = 1 + max((int(row["seed"]) for row in choices), default=0)
+group = Group("independent", below=seeds)
+for rule in ("tilt", *dict.fromkeys(row["rule"] for row in choices)):
     cells = " | ".join(group.cell(scene, rule) for scene in SCENES)
-    lines.append(
-        f"| {rule.replace('tilt', 'as shipped')} | {cells} | {group.score(rule)} |"
-    )
+    score = group.score(rule).split()[0]
+    lines.append(f"| {rule.replace('tilt', 'as shipped')} | {cells} | {score} |")
 publish("choices", f"| choice | {TITLES} | score |", lines)
 
 # %%
@@ -259,6 +287,8 @@ publish("choices", f"| choice | {TITLES} | score |", lines)
 lines = []
 for name in ("tt", "tt-overcast"):
     group = Group("independent")
+    if not group.seeds(name, "balance"):
+        continue
     cells = [
         f"{group.mse(name):.2e}",
         group.cell(name, "tilt"),
@@ -266,3 +296,13 @@ for name in ("tt", "tt-overcast"):
     ]
     lines.append(f"| {name} | {' | '.join(cells)} |")
 publish("sun", "| scene | MSE of balance | tilt / balance | shares / balance |", lines)
+
+# %%
+# What adds to both errors.
+lines = []
+for row in read(TABLES / "floors.csv"):
+    cells = [f"{row[r]} ± {row[f'{r} half']}" for r in ("tilt", "shares")]
+    lines.append(f"| {row['scene']} | {row['mse']} | {' | '.join(cells)} |")
+publish(
+    "floors", "| scene | MSE of balance | tilt / balance | shares / balance |", lines
+)
