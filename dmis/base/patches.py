@@ -60,6 +60,24 @@ def patch_spread(values: Array, size: int, shape: tuple[int, int], at: tuple[sli
     return values[..., rows[:, None], columns]
 
 
+def pixels_apart(image: Array) -> Array:
+    """Return the pixels of each patch of an image ``(..., H, W)``, ``(PATCH, PATCH, ..., rows, columns)``.
+
+    Beyond the border they are 0.
+    """
+    *outer, height, width = image.shape
+    padded = np.pad(image, [(0, 0)] * len(outer) + [(0, -height % PATCH), (0, -width % PATCH)])
+    split = padded.reshape(*outer, padded.shape[-2] // PATCH, PATCH, -1, PATCH)
+    return np.moveaxis(split, (-3, -1), (0, 1))
+
+
+def pixels_together(apart: Array, shape: tuple[int, int]) -> Array:
+    """Return the image ``(..., H, W)`` whose pixels `pixels_apart` has taken apart."""
+    split = np.moveaxis(apart, (0, 1), (-3, -1))
+    *outer, rows, _, columns, _ = split.shape
+    return split.reshape(*outer, PATCH * rows, PATCH * columns)[..., : shape[0], : shape[1]]
+
+
 def by_colour(image: Array) -> Array:
     """Return an image ``(..., H, W)`` once for each colour, with 0 at the pixels of the others, ``(4, ..., H, W)``."""
     apart = np.zeros((len(COLOURS), *image.shape), image.dtype)

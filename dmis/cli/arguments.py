@@ -150,6 +150,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
             "factor of the preview (default 1; of a model with lights, by its image)", POSITIVE, metavar="X"
         ),
         "--crop": _option("window of the image in pixels, x1 and y1 excluded", CROP, metavar="x0,y0,x1,y1"),
+        "--layers": _option("more layers, such as albedo,normal,direct,light:0 (docs/cli.md)", metavar="NAME,NAME,..."),
         "--spp": _option("camera samples per pixel, pilot included (default 128); the most with the next two", int),
         "--noise": _option("double the samples until the root of the estimated relMSE is X", float, metavar="X"),
         "--seconds": _option("double the samples as long as it takes at most S seconds", float, metavar="S"),

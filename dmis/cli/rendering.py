@@ -23,6 +23,7 @@ from dmis.experiment.reference import crop_area
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
 from dmis.pipeline.executor import Parallel, Processes
+from dmis.pipeline.image_layers import with_layers
 from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
@@ -56,6 +57,7 @@ def render(options: argparse.Namespace) -> int:
             stop = Stop(options.noise, options.seconds)
         settings = make_settings(**settings_of(options, scene))
         job = resolve(scene, options.rule, spp, options.seed, settings, doubling=stop is not None)
+        job = with_layers(job, options.layers.split(",")) if options.layers else job
         result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
     exposure = _exposure(options, scene, result)
     has_preview = bool(options.png) or Path(options.output).suffix.lower() == ".png"

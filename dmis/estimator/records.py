@@ -62,9 +62,9 @@ class Statistic(Protocol):
     """Sums over the shading samples of a tile; made with its number of pixels and of shading samples.
 
     `dmis.variance.curves.Curves` is one. Class attributes that are true ask for more: ``directions`` for those
-    of the samples, ``by_colour`` for sums over the pixels of each colour (`dmis.base.patches.COLOURS`), and
-    ``pixel_sums`` for rays and squares of the pixels (`PIXEL_SUMS`). One whose ``needs_records`` is False
-    is sent none, which saves their time.
+    of the samples, ``by_colour`` for sums over the pixels of each colour (`dmis.base.patches.COLOURS`),
+    ``by_pixel`` for those of each pixel (`dmis.base.patches.pixels_apart`), and ``pixel_sums`` for rays and squares of
+    the pixels (`PIXEL_SUMS`). One whose ``needs_records`` is False is sent none, which saves their time.
     """
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.patches import PATCH, by_colour, patch_sum
+from dmis.base.patches import PATCH, by_colour, patch_sum, pixels_apart
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
 from dmis.estimator.mis import combiner_by_name
@@ -96,6 +96,8 @@ class Observers:
             sums = {name: self._spread(a) for name, a in sums.items()}
         if self.pixel_sums is not None:
             sums |= dict(zip(PIXEL_SUMS, self.pixel_sums, strict=True))
+        if asks(self.statistic, "by_pixel"):
+            return {name: pixels_apart(a.reshape(-1, *self._shape)) for name, a in sums.items()}
         return patch_sums(sums, self._shape, asks(self.statistic, "by_colour"))
 
     def _spread(self, values: Array) -> Array:

@@ -6,7 +6,7 @@ the rule, and the settings with which the rule makes its rounds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -14,6 +14,7 @@ from warnings import warn
 
 from dmis import __version__
 from dmis.base.validate import whole
+from dmis.base.vectors import Array
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.settings import Settings
 from dmis.fit.auto import Auto
@@ -56,10 +57,11 @@ class Job:
     settings
         Estimator settings of the final pass.
     notes
-        Why another rule than that of `rule_text` renders it, by kind: ``nothing_to_mix`` or ``fallback``; and how it
-        renders a ``window``, if the camera of the scene shows a part of a larger image.
+        Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``), how ``window``s are.
     window
         The part of the image of `scene` that is rendered, see `dmis.pipeline.window`; None: all of it.
+    layers
+        Makes layers, when the image is rendered, see `dmis.pipeline.image_layers`.
     """
 
     scene: Scene
@@ -73,6 +75,7 @@ class Job:
     settings: Settings
     notes: Mapping[str, str] = field(default_factory=dict)
     window: Window | None = None
+    layers: Callable[[], Mapping[str, Array]] = dict
 
     @property
     def budget(self) -> Budget:
@@ -108,7 +111,7 @@ class Job:
     def without_tables(self) -> Job:
         """Return a job with the same provenance that does not keep the tables of its scene and Embree's copy."""
         description = self.given_scene.changed()
-        return replace(self, scene=description, given_scene=description)
+        return replace(self, scene=description, given_scene=description, layers=dict)
 
     @property
     def alone(self) -> Job:

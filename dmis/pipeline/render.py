@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Any
 
@@ -15,6 +16,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.film import average_films, pilot_shares
+from dmis.pipeline.image_layers import with_layers
 from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.progress import Progress, reporting
@@ -35,6 +37,7 @@ def render(
     parallel: Parallel = None,
     progress: Progress | bool | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
+    layers: Sequence[str] = (),
     **options: Any,
 ) -> Result:
     """Render `scene`; the image depends on these arguments and, with `seconds` alone, on the machine.
@@ -46,30 +49,25 @@ def render(
     spp, seed
         Camera samples per pixel, the rule's pilot included (None: 128); seed, not negative.
     noise, seconds
-        Double the samples until the image's noise (root of relMSE), as estimated, or its time is reached, see
-        `dmis.pipeline.stopping`; `spp` is the most then (None: 2^20).
+        Double the samples until the image's estimated noise (root of relMSE) or its time is reached, at most to `spp`
+        (None: 2^20), see `dmis.pipeline.stopping`.
     settings, options
-        Estimator settings; or fields of `dmis.Settings` by name in their place, such as ``sampler="stratified"``. It is
-        an error to ask for another value than the rule's.
+        Estimator settings, or fields of `dmis.Settings` by name; not other values than the rule's.
     parallel
-        Number of threads (None: one per processor); ``dmis.Processes(n)``; or any `concurrent.futures.Executor`, such
-        as Dask's ``Client.get_executor(pure=False)``, which is not shut down.
+        Number of threads (None: one per processor), ``dmis.Processes(n)``, or a `concurrent.futures.Executor`.
     progress
         True for a bar or a widget (extra ``progress``); or a `dmis.pipeline.progress.Progress`.
     checkpoint
-        Folder of finished tiles, from which a render resumes. It stays, because the image is not written yet, until
-        `dmis.remove_checkpoint` removes it. Several processes may share it.
+        Folder of finished tiles, from which a render resumes; processes may share it. `dmis.remove_checkpoint` ends it.
+    layers
+        Names of layers of the result, such as ``["albedo", "direct"]``, see `dmis.pipeline.image_layers`.
 
-    Raises
-    ------
-    ValueError
-        If arguments are wrong or disagree, shares or pixels are invalid, or the checkpoint is of another image.
-    OSError
-        If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
+    A ValueError if arguments are wrong or disagree, shares or pixels are invalid, or the checkpoint is of another
+    image; an OSError if it cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
     stop = None if noise is None and seconds is None else Stop(noise, seconds)
     job = resolve(scene, rule, spp, seed, make_settings(settings, **options), doubling=stop is not None)
-    return render_job(job, parallel, progress, checkpoint, stop=stop)
+    return render_job(with_layers(job, layers) if layers else job, parallel, progress, checkpoint, stop)
 
 
 def render_job(

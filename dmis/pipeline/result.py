@@ -27,6 +27,8 @@ SPREADS = 6.0
 """And is this many standard errors of its neighbours brighter than they are."""
 COSTLY = 0.2
 """Least share of a pilot in the variance of an image that is worth a line in reports."""
+CHANNELS = {"normal": ("N", "XYZ"), "position": ("P", "XYZ"), "uv": ("UV", "UV"), "depth": ("Z", "")}
+"""Names and letters of layers in files, where they are not the layer's own with R, G and B."""
 
 
 def write_image(path: str | os.PathLike[str], result: Result | Array, exposure: float = 1.0) -> None:
@@ -49,6 +51,9 @@ def write_image(path: str | os.PathLike[str], result: Result | Array, exposure: 
     variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold
     layers = {"RGB": result.image, "weight": result.weight, "variance": variance, "samples": result.samples}
     layers |= {"light_samples": result.light_samples, "brdf_samples": result.brdf_samples}
+    for name, values in result.layers.items():
+        prefix, letters = CHANNELS.get(name, (name, ""))
+        layers |= {f"{prefix}.{letter}": values[..., k] for k, letter in enumerate(letters)} or {prefix: values}
     write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
 
 
@@ -91,6 +96,8 @@ class Result:
         Diagnostics of the rule. Those with one axis, what it decided for the image, are in the provenance, ``decided``.
     describe
         Makes `provenance`.
+    layers
+        Layers that were asked for, ``(H, W)`` or ``(H, W, C)`` float32, see `dmis.pipeline.image_layers`.
     """
 
     image: Array
@@ -104,6 +111,7 @@ class Result:
     rays: Mapping[str, int]
     maps: Mapping[str, np.ndarray]
     describe: Callable[[], Mapping[str, Any]] = field(repr=False)
+    layers: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the fields, with the provenance in the place of what makes it."""
@@ -199,6 +207,7 @@ def make_result(
         rays=rays,
         maps=final.maps,
         describe=lambda: {**described.provenance, **of_image, **pilot_shares},
+        layers=job.layers(),
     )
 
 

@@ -8,13 +8,16 @@ or on reflections in mirrors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dmis.base.patches import PATCH, patch_mean
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, columns
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP
 from dmis.scene.scene import Scene
+from dmis.scene.shading_points import interpolate
 
 FEATURE_SCALES = {"normal": 1.0, "albedo": 1.0, "material": 0.5}
 """Differences between features that count as much as one standard deviation in space: of unit normals (1 is 60
@@ -23,6 +26,10 @@ they saved in the scenes that come with the library, and albedo scales a curve w
 """
 BLOCK_SIDE = PATCH // 2
 """Side in pixels of the blocks through whose centres rays go: four rays for each patch of `PATCH` pixels."""
+RAYS = 4
+"""Rays on a side of a pixel of which its layers are means."""
+SURFACE_LAYERS = ("albedo", "normal", "depth", "position", "uv", "part")
+"""Layers of what pixels show, see `render_surface_layers`."""
 RAYS_PER_BATCH = 2**15
 """Rays per batch."""
 
@@ -70,15 +77,47 @@ def render_pixel_features(scene: Scene) -> tuple[dict[str, Array], int]:
     return {name: hits[name] for name in ("normal", "albedo", "depth")}, hits["depth"].size
 
 
-def _first_hits(scene: Scene, side: int) -> dict[str, Array]:
+def render_surface_layers(scene: Scene, names: Sequence[str]) -> dict[str, Array]:
+    """Return what the pixels show, by names of `SURFACE_LAYERS`, ``(H, W, C)`` or ``(H, W)`` float32.
+
+    ``albedo`` and ``normal`` are means over `RAYS` squared rays; what neither reflects nor emits is nothing. Others are
+    of the ray through the pixel's centre. Where it meets nothing, ``depth``, the distance along it, is infinite,
+    ``part`` is -1, and ``position`` and ``uv`` are 0.
+    """
+    inner, (origin, length, _) = scene.in_float32[0], scene.units
+    layers: dict[str, Array] = {}
+    if {"albedo", "normal"} & {*names}:
+        places = (np.arange(RAYS) + 0.5) / RAYS - 0.5
+        hits = [_first_hits(inner, 1, (x, y)) for y in places for x in places]
+        layers |= {name: np.mean([hit[name] for hit in hits], axis=0) for name in ("albedo", "normal")}
+    if {*names} - {"albedo", "normal"}:
+        width, height = scene.camera.resolution
+        grid = np.meshgrid(_centres(width, 1), _centres(height, 1))
+        start, direction = _rays(inner.camera, *(a.reshape(-1) for a in grid))
+        hit = inner.intersector.closest(start, direction)
+        met = hit.prim >= 0
+        depth = np.where(met, hit.distance, np.inf)
+        place = (start + direction * np.where(met, depth, 0)) * length + origin[:, None]
+        ends = np.cumsum([part.mesh.triangles for part in inner.parts])
+        uv = interpolate(columns(inner.tables.uv, hit.prim), hit.u, hit.v)
+        part = np.where(met, np.searchsorted(ends, hit.prim, "right"), -1)
+        of_centres = {"depth": depth * length, "position": place * met, "uv": uv * met, "part": part}
+        layers |= {name: values.reshape(-1, *grid[0].shape) for name, values in of_centres.items()}
+    images = {name: np.moveaxis(layers[name], 0, -1).astype(np.float32) for name in names}
+    return {name: image[..., 0] if image.shape[-1] == 1 else image for name, image in images.items()}
+
+
+def _first_hits(scene: Scene, side: int, shift: tuple[float, float] = (0.0, 0.0)) -> dict[str, Array]:
     """Return features ``(C, rows, columns)`` of what rays through the centres of blocks of `side` pixels hit.
+
+    Rays are shifted by `shift` pixels.
 
     ``material`` (1) is a number, of nothing -1.
     """
     plan = scene.plan
     width, height = scene.camera.resolution
     grid = np.meshgrid(_centres(width, side), _centres(height, side))
-    x, y = (a.reshape(-1) for a in grid)
+    x, y = (a.reshape(-1) + np.float32(by) for a, by in zip(grid, shift, strict=True))
     normal = np.zeros((3, len(x)), np.float32)
     albedo = np.zeros((3, len(x)), np.float32)
     depth = np.full(len(x), np.inf, np.float32)

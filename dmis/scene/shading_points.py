@@ -54,13 +54,13 @@ class Surfaces:
         v = take(hits.v, index)
         wo = -take(direction, index)
         corners = columns(self.tables.corners, prim)
-        p = _interpolate(corners[:9], u, v)
+        p = interpolate(corners[:9], u, v)
         ng = corners[9:]
         facing = dot(ng, wo)
         ng = ng * np.copysign(np.float32(1), facing)  # on wo's side
         epsilon = take(self.epsilon, prim)
         p += ng * epsilon
-        uv = _interpolate(columns(self.tables.uv, prim), u, v) if group.textured else None
+        uv = interpolate(columns(self.tables.uv, prim), u, v) if group.textured else None
         n, cos_o = self._shading_normals(group, prim, u, v, uv, wo) if group.turns else (ng, np.abs(facing))
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
         dpdu = columns(self.tables.tangents[0], prim) if group.anisotropic and group.tangent is None else group.tangent
@@ -83,7 +83,7 @@ class Surfaces:
         self, group: Group, prim: Index, u: Array, v: Array, uv: Array | None, wo: Array
     ) -> tuple[Array, Array]:
         """Return unit shading normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
-        n = _interpolate(columns(self.tables.normals, prim), u, v)
+        n = interpolate(columns(self.tables.normals, prim), u, v)
         if group.relief is not None and uv is not None:
             dpdu, dpdv = (columns(tangent, prim) for tangent in self.tables.tangents)
             n = normalise(n) * np.copysign(np.float32(1), dot(n, columns(self.tables.corners, prim)[9:]))  # outwards
@@ -96,7 +96,7 @@ class Surfaces:
         return n, cos_o
 
 
-def _interpolate(rows: Array, u: Array, v: Array) -> Array:
+def interpolate(rows: Array, u: Array, v: Array) -> Array:
     """Return ``a + u (b - a) + v (c - a)`` ``(C, N)`` from the rows a, b - a and c - a of triangles, ``(3 C, N)``."""
     count = len(rows) // 3
     values = rows[count : 2 * count] * u

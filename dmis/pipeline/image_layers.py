@@ -1,0 +1,158 @@
+"""Layers of an image: what its pixels show, and parts of its light, from the records of the image's own samples.
+
+``albedo``, ``normal``
+    Of what is seen first: means over `dmis.scene.feature_buffers.RAYS` squared rays per pixel.
+``depth``, ``position``, ``uv``, ``part``
+    Distance, place, texture coordinates and number in `Scene.parts` of what is at the pixel's centre.
+``direct``, ``indirect``
+    Emission that is seen, delta lights, and light reflected at the first surface; light reflected at further surfaces,
+    those behind mirrors included. They sum to the image.
+``emission``, ``light``, ``light:NUMBER``
+    What no technique estimates, emission that is seen and delta lights; light of each sampled light, or of one. They
+    sum to the image.
+``technique``, ``unweighted``
+    What the samples of each technique add, ``W f / (w_k p_k)``, which with ``emission`` sum to the image; and what they
+    would estimate alone, ``f / p_k`` (Veach 1997, Figure 9.2, has such plates).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from dmis.base.patches import pixels_together
+from dmis.base.validate import did_you_mean
+from dmis.base.vectors import Array
+from dmis.estimator.mis import combiner_by_name
+from dmis.estimator.records import Record
+from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.rule import Rule, next_round
+from dmis.pipeline.job import Job
+from dmis.scene.feature_buffers import SURFACE_LAYERS, render_surface_layers
+
+OF_LIGHT = ("direct", "indirect", "emission", "light", "technique", "unweighted")
+"""Layers of light, beside ``light:NUMBER``."""
+
+
+def with_layers(job: Job, names: Sequence[str]) -> Job:
+    """Return the job with `Job.layers` that make the layers `names`.
+
+    A ValueError if a layer is unknown, or does not go with the rule. Layers of light need one number of samples for all
+    pixels, known beforehand, and make a window an image of its own.
+    """
+    plan, settings = job.scene.plan, job.settings
+    lights = [type(light).__name__ for light in plan.sampled_lights(settings.lights, settings.sky_compensation)]
+    known = [*SURFACE_LAYERS, *OF_LIGHT, *(f"light:{number}" for number in range(len(lights)))]
+    for name in names:
+        if name not in known:
+            numbered = (f"light:{number} ({light})" for number, light in enumerate(lights))
+            allowed = ", ".join((*SURFACE_LAYERS, *OF_LIGHT, *numbered))
+            raise ValueError(f"layers must be of {allowed}; got {name!r}{did_you_mean(name, known)}")
+    of_light = frozenset(names) - {*SURFACE_LAYERS}
+    job = replace(job, notes={**job.notes, "layers": ",".join(names)})
+    make = partial(render_surface_layers, job.given_scene, [name for name in names if name not in of_light])
+    if not of_light:
+        return replace(job, layers=make)
+    if job.most > job.spp:
+        raise ValueError("layers of light need a number of samples that is known beforehand: give spp alone")
+    if of_light & {"direct", "indirect"} and plan.deltas and settings.integrator == "path":
+        raise ValueError(
+            "layers direct and indirect by paths need a scene without delta lights, because no record tells at which "
+            "surface such a light shines; this scene has some. Take light and emission, or integrator=direct"
+        )
+    parts = {"light": range(len(lights)), "technique": settings.techniques, "unweighted": settings.techniques}
+    files = [f"{name}.{of}" for name in parts.keys() & of_light for of in parts[name]]
+    files += [name.replace(":", ".") for name in of_light - parts.keys()]
+    rule = _Gathering(job.rule, tuple(sorted(files)), len(lights) + len(plan.deltas), settings.techniques)
+    return replace(job.alone, rule=rule, layers=lambda: {**make(), **rule.means(job)})
+
+
+@dataclass(frozen=True, eq=False)
+class _Gathering(Rule):
+    """A rule whose rounds of the image gather layers of light in `sums`, times their weights in the image."""
+
+    rule: Rule
+    layers: tuple[str, ...]
+    lights: int
+    techniques: tuple[str, ...]
+    sums: dict[str, Array] = field(default_factory=dict)
+
+    def means(self, job: Job) -> dict[str, Array]:
+        """Return the layers that were gathered, ``(H, W, 3)`` float32."""
+        scale, shape = job.gain / self.sums.pop("weight"), job.given_scene.camera.resolution[::-1]
+        images = {name: pixels_together(sums * scale, shape) for name, sums in self.sums.items()}
+        return {name: np.moveaxis(image, 0, -1).astype(np.float32) for name, image in images.items()}
+
+    @property
+    def unweighted(self) -> bool:
+        """Whether what techniques estimate alone is gathered."""
+        return any(name.startswith("unweighted") for name in self.layers)
+
+    @property
+    def weigh(self) -> str:
+        return self.rule.weigh
+
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        """See `Rule.rounds`."""
+        rounds, film = self.rule.rounds(budget), None
+        while (requested := next_round(rounds, film)) is not None:
+            film = yield self._gathered(requested) if requested.image_weight else requested
+            if requested.image_weight:
+                means = {name: sums / requested.spp for name, sums in film.sums.items()} | {"weight": np.ones(())}
+                for name, mean in means.items():
+                    self.sums[name] = self.sums.get(name, 0) + requested.image_weight * mean
+
+    def _gathered(self, round_: Round) -> Round:
+        """Return a round of the image that gathers the layers."""
+        if round_.statistic is not None or round_.patterns is not None or np.ndim(round_.spp):
+            raise ValueError(
+                f"layers of light need a rule that takes the same number of samples in all pixels and leaves a pilot "
+                f"with a statistic out (reuse_pilot=False), such as balance or thesis; got {self.rule!r}"
+            )
+        if self.unweighted and (round_.shares.ndim > 1 or round_.tilt is not None):
+            raise ValueError(f"layer unweighted needs fixed shares, such as of rule balance; got {self.rule!r}")
+        gather = partial(_LayerSums, rule=self, shares=round_.shares, combiner=round_.settings.combiner)
+        return replace(round_, statistic=gather)
+
+
+class _LayerSums:
+    """Statistic of the layers of light, for each pixel: sums over its camera samples, ``(3, P)``."""
+
+    by_pixel = True
+
+    def __init__(self, pixels: int, shading_samples: int, rule: _Gathering, shares: Array, combiner: str) -> None:
+        self._pixels, self._s = pixels, shading_samples
+        self._rule, self._shares, self._combiner = rule, shares, combiner_by_name(combiner)
+        self._sums = {name: np.zeros((3, pixels)) for name in rule.layers}
+
+    def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
+        """See `dmis.estimator.records.Statistic.add`."""
+        pixel, rest = np.arange(radiance.shape[1]) % self._pixels, radiance.astype(np.float64)
+        for record in records:
+            samples = slice(None) if record.sample is None else record.sample
+            k, value = record.technique_index, record.value.astype(np.float64) / self._s
+            rest[:, samples] -= value
+            technique = self._rule.techniques[k]
+            surface = "direct" if len(record.key) == 1 else "indirect"
+            for name in (surface, f"light.{record.key[-1] % self._rule.lights}", f"technique.{technique}"):
+                self._put(name, pixel[samples], value)
+            if self._rule.unweighted:
+                # f / p_k over w_k S samples, from W f / (w_k p_k) of S
+                weight = self._combiner.weight(self._shares[:, None], list(record.pdf), k) * record.pdf[k]
+                self._put(f"unweighted.{technique}", pixel[samples], value / (weight * self._shares[k]))
+        rest[np.abs(rest) < 1e-6 * radiance] = 0  # rounding errors
+        for name in ("direct", "emission"):
+            self._put(name, pixel, rest)
+
+    def _put(self, name: str, pixel: np.ndarray, value: Array) -> None:
+        """Add values ``(3, N)`` to a layer, if it is asked for."""
+        if name in self._sums:
+            for total, channel in zip(self._sums[name], value, strict=True):
+                total += np.bincount(pixel, channel, self._pixels)
+
+    def sums(self) -> dict[str, Array]:
+        """See `dmis.estimator.records.Statistic.sums`."""
+        return self._sums

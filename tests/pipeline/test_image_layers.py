@@ -1,0 +1,156 @@
+"""Layers of an image: sums against the image, what is seen against closed forms, names in files."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import shared_scene
+
+import dmis
+from dmis.cli.commands import main
+from dmis.estimator.settings import make_settings
+from dmis.pipeline.image_layers import with_layers
+from dmis.pipeline.job import resolve
+from dmis.testing.scenes import ABOVE, box_scene
+
+LIGHT = ["direct", "indirect", "emission", "light", "technique"]
+SURFACE = ["albedo", "normal", "depth", "position", "uv", "part"]
+
+
+def total(layers: dict[str, np.ndarray], *names: str) -> np.ndarray:
+    """Sum of the layers whose names begin with some words."""
+    return np.sum([values for name, values in layers.items() if name.partition(".")[0] in names], axis=0)
+
+
+@pytest.mark.parametrize(
+    ("name", "rule", "options"),
+    [
+        ("cornell", "balance", {"integrator": "path"}),
+        ("cornell", "thesis", {"integrator": "path", "reuse_pilot": True}),
+        ("veach-mis", "pbrt", {}),
+        ("tt", "second-moment", {"sampler": "independent", "reuse_pilot": False}),
+        ("cornell", "fixed:0.3", {"integrator": "direct"}),
+    ],
+)
+def test_layers_sum_to_the_image(name: str, rule: str, options: dict[str, object]) -> None:
+    """Direct and indirect light, lights, and techniques; the image has the same bits as without layers."""
+    scene = shared_scene(name, (35, 33))
+    plain = dmis.render(scene, rule, 12, parallel=1, **options)  # type: ignore[arg-type]
+    result = dmis.render(scene, rule, 12, layers=LIGHT, parallel=1, **options)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(result.image, plain.image)
+    assert plain.layers == {}
+    for parts in (("direct", "indirect"), ("emission", "light"), ("emission", "technique")):
+        np.testing.assert_allclose(total(result.layers, *parts), plain.image, atol=1e-6 * plain.image.max())
+    assert (result.layers["indirect"] > 0).any() == (options.get("integrator") == "path")
+    assert result.provenance["layers"] == ",".join(LIGHT)
+
+
+def test_layers_in_units_of_the_scene() -> None:
+    """Of a scene that float32 holds in other units, and of a window, which is an image of its own."""
+    lamp = replace(ABOVE, radiance=(5e12, 4e12, 3e12))
+    scene = box_scene(dmis.matte(0.5), (lamp,), resolution=(9, 7)).crop((1, 6), (2, 9))
+    result = dmis.render(scene, "balance", 8, layers=["direct", "depth"], integrator="direct")
+    np.testing.assert_allclose(result.layers["direct"], result.image, rtol=1e-5)
+    assert result.layers["depth"].shape == (5, 7) and result.image.max() > 1e10
+
+
+def test_what_is_seen() -> None:
+    """A floor at z = 0, a lamp above its middle, and nothing beyond, in closed form."""
+    kd = (0.6, 0.3, 0.1)
+    scene = box_scene(dmis.matte(kd), (ABOVE,), (dmis.light_part(ABOVE),), (40, 30), (0, -7, 6), (0, 0, 0.5), 60)
+    layers = dmis.render(scene, "balance", 1, layers=SURFACE).layers
+    floor, lamp, nothing = (layers["part"] == number for number in (0, 1, -1))
+    assert floor.any() and lamp.any() and nothing.any() and (floor | lamp | nothing).all()
+    p = layers["position"]
+    np.testing.assert_allclose(p[floor][:, 2], 0, atol=1e-5)
+    np.testing.assert_allclose(p[lamp][:, 2], 2, atol=1e-5)
+    np.testing.assert_allclose(layers["depth"][~nothing], np.linalg.norm(p - (0, -7, 6), axis=-1)[~nothing], rtol=1e-5)
+    assert np.isinf(layers["depth"][nothing]).all() and not p[nothing].any()
+    np.testing.assert_allclose(layers["uv"][floor], (p[floor][:, :2] + 4) / 8, atol=1e-5)
+    inner = floor & (np.abs(p[..., :2]) < 3).all(axis=-1) & (layers["albedo"][..., 0] > 0.599)
+    np.testing.assert_allclose(layers["albedo"][inner], np.broadcast_to(kd, (inner.sum(), 3)), rtol=1e-5)
+    np.testing.assert_allclose(layers["normal"][inner], np.broadcast_to((0, 0, 1), (inner.sum(), 3)), atol=1e-6)
+    # edges are means over the square: shares of 16 rays
+    share = layers["albedo"][..., 0] / kd[0]
+    assert ((share > 0.01) & (share < 0.99)).any()
+    np.testing.assert_allclose(16 * share, np.rint(16 * share), atol=1e-3)
+
+
+def test_one_pixel() -> None:
+    """No axis is lost."""
+    layers = dmis.render(box_scene(resolution=(1, 3)), "balance", 2, layers=[*SURFACE, "direct"]).layers
+    assert layers["depth"].shape == (3, 1) and layers["uv"].shape == (3, 1, 2) and layers["direct"].shape == (3, 1, 3)
+
+
+def test_light_of_one_lamp() -> None:
+    """The first of two lamps has the samples of a scene without the second; a sun is in another layer."""
+    other = replace(ABOVE, corner=(0.5, -0.5, 2), radiance=(1, 2, 3))
+    sun = dmis.DistantLight((0, 0, 1), (0.1, 0.1, 0.1))
+    both = box_scene(dmis.plastic(0.3, 0.3, 0.1), (ABOVE, other, sun), resolution=(12, 12))
+    layers = dmis.render(both, "balance", 16, layers=["light", "light:0", "emission"], parallel=1).layers
+    alone = dmis.render(replace(both, lights=(ABOVE,)), "balance", 16, parallel=1).image
+    np.testing.assert_allclose(layers["light.0"], alone, rtol=1e-5)
+    of_sun = dmis.render(replace(both, lights=(sun,)), "balance", 16, parallel=1).image
+    np.testing.assert_allclose(layers["emission"], of_sun, rtol=1e-4)
+    of_other = dmis.render(replace(both, lights=(other,)), "balance", 16, parallel=1).image
+    assert layers["light.1"].mean() == pytest.approx(of_other.mean(), rel=0.02)
+    assert sorted(dmis.render(both, "balance", 1, layers=["light:1"]).layers) == ["light.1"]
+
+
+@pytest.mark.parametrize("rule", ["balance", "fixed:0.25", "pbrt"])
+def test_techniques_alone(rule: str) -> None:
+    """Unweighted samples of either technique have the mean of the image, whatever share and heuristic."""
+    scene = box_scene(dmis.plastic(0.3, 0.4, 0.2), resolution=(16, 16))
+    result = dmis.render(scene, rule, 256, layers=["technique", "unweighted"], seed=1)
+    mean = result.image.mean()
+    assert result.layers["unweighted.light"].mean() == pytest.approx(mean, rel=0.01)
+    assert result.layers["unweighted.brdf"].mean() == pytest.approx(mean, rel=0.02)
+    np.testing.assert_allclose(total(result.layers, "technique"), result.image, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("layers", "options", "message"), [
+    (["albdo"], {}, r"layers must be of albedo, .*light:0 \(QuadLight\); got 'albdo'.*albedo"),
+    (["light:1"], {}, "got 'light:1'"),
+    (["direct"], {"rule": "auto"}, "same number of samples in all pixels"),
+    (["unweighted"], {"rule": "thesis"}, "layer unweighted needs fixed shares"),
+    (["direct"], {"rule": "balance", "noise": 0.5}, "known beforehand"),
+])  # fmt: skip
+def test_refuses(layers: list[str], options: dict[str, object], message: str) -> None:
+    """Names that are none, and rules of other numbers of samples."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box_scene(), spp=64, layers=layers, **options)  # type: ignore[arg-type]
+
+
+def test_surface_of_a_delta_light_is_unknown() -> None:
+    """By paths; directly it shines at the first surface."""
+    scene = box_scene(dmis.matte(0.5), (ABOVE, dmis.PointLight((0, 0, 1), (1, 1, 1))))
+    with pytest.raises(ValueError, match="without delta lights"):
+        dmis.render(scene, "balance", 2, layers=["direct"], integrator="path")
+    result = dmis.render(scene, "balance", 2, layers=["direct"], integrator="direct")
+    np.testing.assert_allclose(result.layers["direct"], result.image, rtol=1e-5)
+
+
+def test_statistics_go_to_workers() -> None:
+    """A round that gathers layers is pickled, as processes need it."""
+    job = with_layers(resolve(box_scene(), "balance", 4, 0, make_settings()), LIGHT)
+    round_ = pickle.loads(pickle.dumps(next(job.rule.rounds(job.budget))))
+    assert round_.statistic(16, 2).sums().keys() == {
+        "direct", "indirect", "emission", "light.0", "technique.light", "technique.brdf"
+    }  # fmt: skip
+
+
+def test_names_in_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those of Blender and tev, from the command line."""
+    pytest.importorskip("OpenEXR")
+    path = tmp_path / "cornell.exr"
+    command = ["render", "cornell", "-o", str(path), "--resolution", "8x6", "--spp", "2", "--rule", "balance"]
+    assert main([*command, "--layers", "albedo,normal,depth,position,uv,part,direct,light:0,technique"]) == 0
+    layers, _ = dmis.read_exr(path)
+    assert {"RGB", "albedo", "Z", "part", "direct", "light.0", "technique.light", "technique.brdf"} <= layers.keys()
+    names = {"N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z", "UV.U", "UV.V"}
+    assert names <= layers.keys() and layers["Z"].shape == (6, 8)
+    assert main([*command, "--layers", "albdo"]) == 2 and "layers must be of albedo" in capsys.readouterr().err
