@@ -342,3 +342,12 @@ def test_stability_figure(run, tmp_path):
     printed = run(ROOT / "examples" / "make_stability_figure.py", "-o", picture)
     assert printed.rstrip().endswith(str(picture))
     check(picture)
+
+
+def test_doctor_figure(run, tmp_path):
+    """Nine faults beside the right images: those of two sides lose half of the light, mixed normals next to none."""
+    picture = tmp_path / "doctor.png"
+    printed = run(ROOT / "examples" / "make_doctor_figure.py", "-o", picture)
+    change = dict(re.findall(r"^([a-z-]+), .* mean ([-+.0-9]+)%", printed, re.MULTILINE))
+    assert len(change) == 9 and -60 < float(change["two-sided"]) < -40 and abs(float(change["normals"])) < 0.1
+    check(picture)

@@ -2,7 +2,9 @@
 
 Direct light at the first surface, with one light sample and one BSDF sample for each camera sample, as Mitsuba's
 ``direct`` integrator takes them; Mitsuba picks one emitter, and p_l has the probability of that. Only what the lamps
-reach is written, of both techniques. Needs ``pip install mitsuba``; the scalar variant takes about 0.1 ms per row.
+reach is written, of both techniques. Needs ``pip install mitsuba``; the scalar variant takes about 0.1 ms per row, so
+that an image of at most `side` pixels across is taken. To examine an integrator of your own, write the lines of its two
+branches into `shading_samples`; to examine your plugins, register them before you call `table`.
 """
 
 from __future__ import annotations
@@ -20,10 +22,11 @@ COLUMNS = "pixel camera_sample technique f p_l p_b light lobe direction normal g
 Row = tuple[Any, ...]
 
 
-def table(scene: Any, spp: int = 16, seed: int = 0) -> dict[str, Any]:
-    """Return the columns of the table by name."""
+def table(scene: Any, spp: int = 16, seed: int = 0, side: int = 64) -> dict[str, Any]:
+    """Return the columns of the table by name, of an image whose longer side has at most `side` pixels."""
     sensor = scene.sensors()[0]
-    width, height = sensor.film().crop_size()
+    size = sensor.film().size()
+    width, height = (max(1, round(pixels * min(1, side / max(size)))) for pixels in size)
     sampler = mi.load_dict({"type": "independent", "sample_count": spp})
     sampler.seed(seed)
     emitters = {str(emitter): number for number, emitter in enumerate(scene.emitters())}
@@ -75,5 +78,8 @@ if __name__ == "__main__":
     parser.add_argument("scene")
     parser.add_argument("output")
     parser.add_argument("--spp", type=int, default=16)
+    parser.add_argument("--side", type=int, default=64, help="largest number of pixels across")
     options = parser.parse_args()
-    np.savez(options.output, **table(mi.load_file(options.scene), options.spp))
+    columns = table(mi.load_file(options.scene), options.spp, side=options.side)
+    np.savez(options.output, **columns)
+    print(f"{options.output}: {len(columns['f']):,} rows of {columns['shape']} pixels")

@@ -79,7 +79,7 @@ class Diagnosis:
         yield from (f"  {cause.share:4.0%}  {cause}" for cause in self.causes)
         fit = f"nothing else is wrong once it is taken out (p = {best.p:.2g})"
         if best.p < 1e-3:
-            fit = f"it does not explain all (p = {best.p:.1g}): expect a second fault, or one of another form"
+            fit = f"it does not explain all (p = {best.p:.1g}): expect a second fault, or one of some materials"
         yield f"how sure: z = {best.z:.1f}; {fit}"
         yield from (f"  hint: {hint}" for hint in dict.fromkeys(cause.hint for cause in self.causes))
 
