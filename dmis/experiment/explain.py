@@ -89,13 +89,14 @@ class Explanation:
         among = sum(p for _, p in self.sources.values()) - seen
         left = float(self.variance.min() / self.variance[HALF])
         best = f"w = {self.marks['oracle']:.2g} leaves {left:.0%} of V" if left < 1 - LITTLE else "no w is much better"
-        what = (
-            "emission that is seen and light of delta lights" if self.job.scene.plan.deltas else "emission that is seen"
-        )
-        onward = ", and what paths meet further on" if self.job.settings.integrator == "path" else ""
+        settings, plan = self.job.settings, self.job.scene.plan
+        delta_lights = "delta lights, picked at random" if settings.one_light else "delta lights"
+        emission = f"emission that is seen and light of {delta_lights}" if plan.deltas else "emission that is seen"
+        others = ", and which light is picked" if settings.one_light else ""
+        others += ", and what paths meet further on" if settings.integrator == "path" else ""
         parts = [
-            (seen, f"is {what}: an edge in the pixel's square, such as a lamp's, which no technique estimates"),
-            (among, f"is among places of the square: edges, textures, borders of shadows{onward}; no w changes it"),
+            (seen, f"is {emission}: an edge in the pixel's square, such as a lamp's, which no technique estimates"),
+            (among, f"is among places of the square: edges, textures, borders of shadows{others}; no w changes it"),
             (1 - seen - among, f"is noise of light and BRDF samples at a place; {best}"),
         ]
         named = [f"{min(share, 1):.1%} of the variance {text}" for share, text in sorted(parts)[::-1] if share > LITTLE]
@@ -201,15 +202,16 @@ class _Recorder(Curves):
     def findings(self, job: Job) -> dict[str, Any]:
         """Return fields of an `Explanation`: ``mean``, ``sources``, ``rare``, ``largest`` and ``vertex``."""
         radiance, s = np.concatenate(self._radiance), job.settings.shading_samples
-        lights = (
-            *job.scene.plan.sampled_lights(job.settings.lights, job.settings.sky_compensation),
-            *job.scene.plan.deltas,
-        )
+        plan, compensation = job.scene.plan, job.settings.sky_compensation
+        self._job = job
+        # a tree may select among lamps where a path has scattered, see `dmis.estimator.draws`
+        self._lights = [
+            (*plan.sampled_lights(name, compensation), *plan.deltas) for name in (job.settings.lights, "tree")
+        ]
         halves = defaultdict[Source, Array](lambda: np.zeros((2, len(radiance))))  # L_1c, L_2c
         for record in self._records:
-            halves[_source(record, job, lights)][record.sample_index % 2, record.sample] += (
-                record.value.mean(axis=0) / s
-            )
+            half = record.sample_index % 2
+            halves[self._source(record)][half, record.sample] += record.value.mean(axis=0) / s
         at_y = sum(halves.values(), np.zeros((2, len(radiance))))
         # the same in both halves: emission that is seen, delta lights
         rest = radiance - at_y.mean(axis=0)
@@ -224,7 +226,7 @@ class _Recorder(Curves):
         best: dict[Source, tuple[float, Any, int]] = {}
         for record in self._records:
             value = record.value.mean(axis=0)
-            source, k = _source(record, job, lights), int(value.argmax()) if len(value) else 0
+            source, k = self._source(record), int(value.argmax()) if len(value) else 0
             if value.any() and value[k] > best.get(source, (0.0,))[0]:
                 best[source] = (float(value[k]), record, k)
         largest = sorted(best.values(), key=lambda item: -item[0])[:LARGEST]
@@ -232,20 +234,32 @@ class _Recorder(Curves):
             "mean": float(radiance.mean()) * job.gain,
             "sources": {c: (float(v / total), float(p / total)) for c, (v, p) in of_sources.items()},
             "rare": (np.searchsorted(squares, squares[-1] / 2) + 1) / len(radiance),
-            "largest": tuple(self._steps(record, k, job, lights) for _, record, k in largest),
-            "vertex": self._vertex(*largest[0][1:], lights) if largest else None,
+            "largest": tuple(self._steps(record, k) for _, record, k in largest),
+            "vertex": self._vertex(*largest[0][1:]) if largest else None,
         }
 
-    def _vertex(self, record: Any, k: int, lights: Sequence[Any]) -> tuple[ShadingPoints, Any, list[Array]]:
+    def _light(self, record: Any) -> tuple[Any, str]:
+        """Return the light that a record samples, and its name; behind mirrors it may be one of several lamps."""
+        settings = self._job.settings
+        deeper = len(record.key) > 1 and settings.integrator == "path"
+        lights = self._lights[deeper and self._job.scene.plan.selects_deeper(settings.lights)]
+        beyond, number = divmod(record.key[-1], len(lights))
+        return lights[number], f"{type(lights[number]).__name__} {number}{' from behind' if beyond else ''}"
+
+    def _source(self, record: Any) -> Source:
+        """Return light, technique and surface of a record, see `Record.key`."""
+        return self._light(record)[1], self._job.settings.techniques[record.technique_index], len(record.key)
+
+    def _vertex(self, record: Any, k: int) -> tuple[ShadingPoints, Any, list[Array]]:
         """Return `Explanation.vertex` at the sample k of a record; paths come to later surfaces at other places."""
         alike = [r for r in self._records if r.key == record.key and len(r.key) == 1]
         directions = [[r.wi for r in alike if r.technique_index == technique] for technique in (0, 1)]
         surface = record.surface.take(np.full(2, k))
-        return surface, lights[record.key[-1] % len(lights)], [np.hstack([np.zeros((3, 0)), *of]) for of in directions]
+        return surface, self._light(record)[0], [np.hstack([np.zeros((3, 0)), *of]) for of in directions]
 
-    def _steps(self, record: Any, k: int, job: Job, lights: Sequence[Any]) -> dict[str, Any]:
+    def _steps(self, record: Any, k: int) -> dict[str, Any]:
         """Return the steps of the shading sample k of a record, see `Explanation.largest`."""
-        origin, length, gain = job.given_scene.units
+        origin, length, gain = self._job.given_scene.units
         sample, path = record.sample[k], {}
         for other in self._records:
             at = np.flatnonzero(other.sample == sample)
@@ -255,7 +269,7 @@ class _Recorder(Curves):
         p_w = (p_l + p_b) / 2
         return {
             "camera_sample": int(sample),
-            "source": _source(record, job, lights),
+            "source": self._source(record),
             "path": [path[depth] for depth in sorted(path)],
             "wi": record.wi[:, k].tolist(),
             "lobes": [type(lobe).__name__ for lobe in record.surface.reflection],
@@ -265,13 +279,6 @@ class _Recorder(Curves):
             "W": (p_l, p_b)[record.technique_index] / (p_l + p_b),
             "value": float(record.value[:, k].mean()) * gain,
         }
-
-
-def _source(record: Record, job: Job, lights: Sequence[Any]) -> Source:
-    """Return light, technique and surface of a record, see `Record.key`."""
-    beyond, number = divmod(record.key[-1], len(lights))
-    light = f"{type(lights[number]).__name__} {number}{' from behind' if beyond else ''}"
-    return light, job.settings.techniques[record.technique_index], len(record.key)
 
 
 def _vector(values: Sequence[float]) -> str:

@@ -58,11 +58,14 @@ def with_layers(job: Job, names: Sequence[str]) -> Job:
         return replace(job, layers=make)
     if job.most > job.spp:
         raise ValueError("layers of light need a number of samples that is known beforehand: give spp alone")
-    if of_light & {"direct", "indirect"} and plan.deltas and settings.integrator == "path":
+    paths = settings.integrator == "path"
+    if of_light & {"direct", "indirect"} and plan.deltas and paths:
         raise ValueError(
             "layers direct and indirect by paths need a scene without delta lights, because no record tells at which "
             "surface such a light shines; this scene has some. Take light and emission, or integrator=direct"
         )
+    if paths and plan.selects_deeper(settings.lights) and any(name.startswith("light") for name in of_light):
+        raise ValueError("layers of lights by paths need samples of each, but a tree selects one; set lights=all")
     parts = {"light": range(len(lights)), "technique": settings.techniques, "unweighted": settings.techniques}
     files = [f"{name}.{of}" for name in parts.keys() & of_light for of in parts[name]]
     files += [name.replace(":", ".") for name in of_light - parts.keys()]

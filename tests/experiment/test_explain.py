@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,16 +14,16 @@ from dmis.base.vectors import Array
 from dmis.cli.commands import main
 from dmis.experiment.explain import LARGEST, SEEN, Explanation
 from dmis.geometry.shapes import quad
-from dmis.testing.scenes import box_scene
+from dmis.testing.scenes import ABOVE, box_scene
 from dmis.variance.curves import GRID, HALF
 
 
-def lamp_edge() -> dmis.Scene:
-    """Scene of one pixel, whose square a lamp covers to 3/10; the rest is black."""
+def lamp_edge(kd: float = 0.0, *lights: dmis.QuadLight) -> dmis.Scene:
+    """Scene of one pixel, whose square a lamp covers to 3/10; the rest is a floor, black by default."""
     camera = dmis.Camera.look_at((0, 0, 2), (0, 0, 0), (0, 1, 0), np.degrees(2 * np.arctan(0.5)), (1, 1))
     lamp = dmis.QuadLight((-1, -1, 0), (0.6, 0, 0), (0, 2, 0), (5, 4, 3))
-    floor = dmis.Part(quad((-4, -4, -1), (8, 0, 0), (0, 8, 0)), dmis.matte(0.0))
-    return dmis.Scene(camera, (dmis.light_part(lamp), floor), (lamp,))
+    floor = dmis.Part(quad((-4, -4, -1), (8, 0, 0), (0, 8, 0)), dmis.matte(kd))
+    return dmis.Scene(camera, (dmis.light_part(lamp), floor), (lamp, *lights))
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,27 @@ def test_lamp_edge_is_named() -> None:
     assert not re.search("among|at a place", " ".join(why.causes))
 
 
+def test_part_of_a_lamp_edge() -> None:
+    """Beside a floor of radiance I it has Cov(E 1, E 1 + I (1 - 1)) = E (E - I) q (1 - q) of the variance."""
+    why = dmis.explain(
+        lamp_edge(0.8, replace(ABOVE, corner=(-0.5, -0.5, 0.5), radiance=(90, 90, 90))), (0, 0), rules=()
+    )
+    radiance = (why.mean - 0.3 * 4) / 0.7
+    v, p = why.sources[SEEN]
+    assert 0.05 < abs(v) < 0.9 and p == pytest.approx(v, rel=0.2)
+    assert v == pytest.approx(4 * (4 - radiance) * 0.3 * 0.7 / why.variance[HALF], rel=0.15)
+
+
+def test_units_of_the_scene(floor: dmis.Scene, explained: Explanation) -> None:
+    """2^40 times the light, which float32 holds in other units, has 2^80 times the variance."""
+    lamp = replace(ABOVE, radiance=tuple(2.0**40 * x for x in (5, 4, 3)))
+    why = dmis.explain(replace(floor, lights=(lamp,)), (9, 6), rules=(), seed=3)
+    np.testing.assert_allclose(why.variance, explained.variance * 2.0**80, rtol=1e-3)
+    assert why.mean == pytest.approx(explained.mean * 2.0**40, rel=1e-4)
+    for key in ("f", "value"):
+        np.testing.assert_allclose(why.largest[0][key], np.multiply(explained.largest[0][key], 2.0**40), rtol=1e-4)
+
+
 def test_variance_is_that_of_renders() -> None:
     """V(1/2) and P = V - A / S: with 16 times the shading samples a render has P + A / (16 S)."""
     scene, spp = box_scene(dmis.matte((0.6, 0.3, 0.6)), resolution=(1, 1)), 2**14
@@ -68,6 +90,9 @@ def test_marks(explained: Explanation) -> None:
     assert explained.marks == {"balance": 0.5, "fixed": pytest.approx(0.3), "oracle": GRID[explained.variance.argmin()]}
     v = np.interp(0.3, GRID, explained.variance) / explained.variance[HALF]
     assert f"fixed    w = 0.30, V = {v:.2f}" in explained.text()
+    wide = box_scene(dmis.plastic(0.2, 0.4, 0.01), resolution=(20, 6))
+    marks = dmis.explain(wide, (18, 3), 64, rules=("thesis:weigh=samples,patch=2",)).marks
+    assert marks["thesis"] == dmis.render(wide, "thesis:weigh=samples,patch=2", 64).weight[3, 18]
 
 
 def test_largest_samples_by_hand(explained: Explanation) -> None:
@@ -104,6 +129,19 @@ def test_paths_by_surface() -> None:
     for sample in why.largest:
         assert 1 <= len(sample["path"]) <= sample["source"][2]
     why.figure(0.2)
+
+
+def test_names_of_lights() -> None:
+    """A tree selects among four lamps where a path has scattered; lights that are picked are told."""
+    scene = shared_scene("ten-lights", (40, 30))
+    why = dmis.explain(scene, (20, 20), 256, rules=(), integrator="path", max_depth=2)
+    by_surface = {1: set(), 2: set()}
+    for light, _, surface in why.sources.keys() - {SEEN}:
+        by_surface[surface].add(light)
+    assert len(by_surface[1]) > 3 and not any("Selected" in light for light in by_surface[1])
+    assert len(by_surface[2]) <= 2 and any("Selected" in light for light in by_surface[2])
+    assert not any("behind" in light for light, *_ in why.sources)
+    assert "picked at random" in dmis.explain(scene, (20, 20), 256, rules=(), lights="one").text()
 
 
 def test_hemisphere_integrates(explained: Explanation) -> None:

@@ -13,9 +13,10 @@ from helpers import shared_scene
 import dmis
 from dmis.cli.commands import main
 from dmis.estimator.settings import make_settings
+from dmis.geometry.shapes import quad
 from dmis.pipeline.image_layers import with_layers
 from dmis.pipeline.job import resolve
-from dmis.testing.scenes import ABOVE, box_scene
+from dmis.testing.scenes import ABOVE, FLOOR, box_scene
 
 LIGHT = ["direct", "indirect", "emission", "light", "technique"]
 SURFACE = ["albedo", "normal", "depth", "position", "uv", "part"]
@@ -56,6 +57,13 @@ def test_layers_in_units_of_the_scene() -> None:
     result = dmis.render(scene, "balance", 8, layers=["direct", "depth"], integrator="direct")
     np.testing.assert_allclose(result.layers["direct"], result.image, rtol=1e-5)
     assert result.layers["depth"].shape == (5, 7) and result.image.max() > 1e10
+    large, k = quad((-4 * 2**22, -4 * 2**22, 0), (8 * 2**22, 0, 0), (0, 8 * 2**22, 0)), 2**22
+    of_large, of_small = (
+        dmis.render(box_scene(eye=(0, -3 * s, 2 * s), floor=floor), "balance", 1, layers=["depth", "position"]).layers
+        for s, floor in ((k, large), (1, FLOOR))
+    )
+    for name in ("depth", "position"):
+        np.testing.assert_allclose(of_large[name], k * of_small[name], rtol=1e-4, atol=k * 1e-5)
 
 
 def test_what_is_seen() -> None:
@@ -74,6 +82,7 @@ def test_what_is_seen() -> None:
     inner = floor & (np.abs(p[..., :2]) < 3).all(axis=-1) & (layers["albedo"][..., 0] > 0.599)
     np.testing.assert_allclose(layers["albedo"][inner], np.broadcast_to(kd, (inner.sum(), 3)), rtol=1e-5)
     np.testing.assert_allclose(layers["normal"][inner], np.broadcast_to((0, 0, 1), (inner.sum(), 3)), atol=1e-6)
+    np.testing.assert_allclose(layers["albedo"], layers["albedo"][:, ::-1], atol=1e-5)  # the scene is symmetric
     # edges are means over the square: shares of 16 rays
     share = layers["albedo"][..., 0] / kd[0]
     assert ((share > 0.01) & (share < 0.99)).any()
@@ -99,6 +108,22 @@ def test_light_of_one_lamp() -> None:
     of_other = dmis.render(replace(both, lights=(other,)), "balance", 16, parallel=1).image
     assert layers["light.1"].mean() == pytest.approx(of_other.mean(), rel=0.02)
     assert sorted(dmis.render(both, "balance", 1, layers=["light:1"]).layers) == ["light.1"]
+
+
+def test_lamps_by_paths() -> None:
+    """At later surfaces, too, a sample belongs to its lamp: means are those of each lamp alone."""
+    other = replace(ABOVE, corner=(0.5, -0.5, 2), radiance=(3, 2, 1))
+    wall = dmis.Part(quad((-2, 1, 0), (4, 0, 0), (0, 0, 3)), dmis.matte(0.9))
+    scene = box_scene(dmis.matte(0.9), (ABOVE, other), (wall,), (8, 8))
+    options = {"integrator": "path", "max_depth": 3}
+    layers = dmis.render(scene, "balance", 256, layers=["light", "indirect"], **options).layers  # type: ignore[arg-type]
+    assert layers["indirect"].mean() > 0.1 * layers["light.0"].mean()
+    many = shared_scene("ten-lights", (8, 6))
+    with pytest.raises(ValueError, match="set lights=all"):
+        dmis.render(many, "balance", 4, layers=["light"], **options)  # type: ignore[arg-type]
+    for number, lamp in enumerate((ABOVE, other)):
+        alone = dmis.render(replace(scene, lights=(lamp,)), "balance", 256, seed=1, **options)  # type: ignore[arg-type]
+        assert layers[f"light.{number}"].mean() == pytest.approx(alone.image.mean(), rel=0.03)
 
 
 @pytest.mark.parametrize("rule", ["balance", "fixed:0.25", "pbrt"])
