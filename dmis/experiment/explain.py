@@ -108,9 +108,11 @@ class Explanation:
 
     def _lines(self) -> Iterator[str]:
         """Yield the lines of the text."""
-        half = max(self.variance[HALF], 1e-300)
+        half = max(float(self.variance[HALF]), 0.0)
         yield f"pixel {self.pixel}: mean {self.mean:.4g}, standard deviation of a camera sample {half**0.5:.3g}"
         yield from (f"  {sentence}" for sentence in self.causes)
+        if not half:
+            return
         yield "V(w), variance of a camera sample with the share w of light samples, over V(1/2):"
         yield "  w " + "".join(f"{w:7.2f}" for w in GRID)
         yield "  V " + "".join(f"{v:7.2f}" if v < 1000 else f"{v:7.0e}" for v in self.variance / half)

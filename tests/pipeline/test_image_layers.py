@@ -118,7 +118,8 @@ def test_lamps_by_paths() -> None:
     options = {"integrator": "path", "max_depth": 3}
     layers = dmis.render(scene, "balance", 256, layers=["light", "indirect"], **options).layers  # type: ignore[arg-type]
     assert layers["indirect"].mean() > 0.1 * layers["light.0"].mean()
-    many = shared_scene("ten-lights", (8, 6))
+    four = tuple(replace(ABOVE, corner=(x, -0.5, 2)) for x in (-2, -1, 0, 1))
+    many = box_scene(dmis.matte(0.9), four, (wall, *map(dmis.light_part, four)))
     with pytest.raises(ValueError, match="set lights=all"):
         dmis.render(many, "balance", 4, layers=["light"], **options)  # type: ignore[arg-type]
     for number, lamp in enumerate((ABOVE, other)):

@@ -87,7 +87,10 @@ def _hemisphere(figure: Any, axis: Any, values: Array, title: str) -> None:
 
 def _curve(axis: Any, why: Any, w: float) -> None:
     """Draw V(w) over V(1/2), with the shares of the rules."""
-    half = max(float(why.variance[HALF]), 1e-300)
+    half = float(why.variance[HALF])
+    if not half > 0:
+        axis.set_title("no variance", fontsize="medium")
+        return
     axis.semilogy(GRID, why.variance / half, ".-", color="black")
     axis.axvline(w, color="grey", linewidth=0.7)
     for (name, share), marker in zip(why.marks.items(), "os^D*vXP", strict=False):
