@@ -185,11 +185,8 @@ class Render:
 
 @cache
 def scene_of(name: str) -> dmis.Scene:
-    """Return a scene at the chosen size; the size of TT if it is not the thesis's."""
-    if name in SCENES:
-        return opts.scene(name, given.divisor)
-    size = [round(side / given.divisor) for side in SCENES["tt"].size]
-    return dmis.load_scene(name, resolution=size)
+    """Return a scene at the chosen size."""
+    return opts.scene(name, given.divisor)
 
 
 @cache
@@ -268,7 +265,7 @@ for seed, setup, scene, rule in wanted:
 made = [
     render
     for setup, scene, rule, seed in itertools.product(
-        SETUPS, (*SCENES, "tt-overcast"), [*RULES, *CHOICES], range(100)
+        SETUPS, SCENES, [*RULES, *CHOICES], range(100)
     )
     if (render := Render(setup, scene, rule, seed)).file.exists()
 ]

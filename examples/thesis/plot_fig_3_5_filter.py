@@ -39,17 +39,11 @@ CROPS = {  # rows and columns, in shares of the image
 # **Step 1, the pilot.** Two camera samples per pixel for each weight w = 0, 1/2, 1.
 # Each takes one light and one BRDF sample, and w only weighs them: with p_w = w p_l +
 # (1 - w) p_b, a light sample of contribution f counts w f / p_w, a BRDF sample (1 - w)
-# f / p_w. KILLEROO GOLD is rendered by paths, as in Figure 4.1.
-MORE = {
-    name: {"preset": "thesis", "integrator": SCENES[name].integrator} for name in CROPS
-}
-SMALLER = {"killeroo-gold": 4}  # paths take longer
-scenes = {
-    name: opts.scene(name, opts.pick(32, SMALLER.get(name, 2), 1)) for name in CROPS
-}
+# f / p_w.
+scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in CROPS}
 pilots = {
     name: [
-        dmis.render(scene, f"fixed:{w:g},weigh=heuristic", 2, seed=k, **MORE[name])
+        dmis.render(scene, f"fixed:{w:g},weigh=heuristic", 2, seed=k, preset="thesis")
         for k, w in enumerate(STRATEGIES, 1)
     ]
     for name, scene in scenes.items()
@@ -91,12 +85,12 @@ final = {
         dmis.Given(weight=weight, weigh="heuristic"),
         opts.spp - 6,
         seed=4,
-        **MORE[name],
+        preset="thesis",
     )
     for (name, title), weight in maps.items()
 }
 balance = {
-    name: dmis.render(scene, "balance", opts.spp, seed=4, **MORE[name])
+    name: dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis")
     for name, scene in scenes.items()
 }
 
@@ -105,7 +99,7 @@ balance = {
 # against two halves of a reference.
 ratios = {}
 for name, scene in scenes.items():
-    reference = opts.reference(scene, opts.pick(32, 128), SCENES[name].integrator)
+    reference = opts.reference(scene, opts.pick(32, 128))
     errors = squared_error(balance[name].image, reference.first, reference.second)
     for title in ("without the filter", "with the filter"):
         ours = squared_error(

@@ -10,8 +10,8 @@ rule goes step by step here, as in Section 3 of the thesis, in two set-ups:
 * **nearest**: pbrt-v2's points, the numbers of samples of the scene files, paths on
   both killeroo scenes. It was chosen knowing the thesis's errors.
 
-Images are a fifth as wide as the thesis's, which changes errors and ratios; ``--full``
-takes its size, in hours. ``make_score.py`` beside this script measures both set-ups
+Images are an eighth as wide as the thesis's, which changes errors and ratios. Hours of
+``--full`` take its size. ``make_score.py`` beside this script measures both set-ups
 with several seeds, and can be interrupted.
 """
 
@@ -35,7 +35,7 @@ STRATEGIES = np.array([0, 0.5, 1])
 # the scene file asks for. Its final pass has 128 points, 122 rounded up to a power of
 # two, as pbrt-v2's sampler does.
 FINAL = {"independent": opts.spp - 6, "nearest": opts.spp}
-scenes = {name: opts.scene(name) for name in SCENES}
+scenes = {name: opts.scene(name, opts.pick(32, 8, 1)) for name in SCENES}
 cases = {}
 for name, scene in scenes.items():
     cases["independent", name] = {"preset": "thesis", "integrator": "direct"}
@@ -121,7 +121,7 @@ for case in cases:
     setup, name = case
     reference = dmis.make_reference(
         scenes[name],
-        opts.pick(32, 256, 128),
+        opts.pick(32, 128),
         integrator=cases[case]["integrator"],
         parallel=opts.threads,
         progress=opts.progress,
@@ -174,7 +174,7 @@ for axis in axes[0]:
     )
 handles, labels = axes[0, 1].get_legend_handles_labels()
 figure.legend(handles, labels, loc="outside lower center", ncols=3)
-size = {"quick": "tiny images", "default": "a fifth of the thesis's side length"}
+size = {"quick": "tiny images", "default": "an eighth of the thesis's side length"}
 opts.save_for_print(
     figure,
     "Table 4.1: the thesis's rule against the balance heuristic",

@@ -2,10 +2,11 @@
 The tables of the reproduction, from its table of results
 =========================================================
 
-Makes the tables of docs/reproduction.md from three files of docs/tables:
-``reproduction.csv``, a row of which is a render of ``make_score.py``,
+Makes the tables of docs/reproduction.md from files of docs/tables:
+``reproduction.csv``, a row of which is a render of ``make_score.py``;
 ``reproduction-full.csv``, results of three seeds at the thesis's resolution by commit
-c8bbb91, and ``floors.csv`` of ``make_floors.py``. The score of a row of ratios is
+c8bbb91; ``floors.csv`` of ``make_floors.py``; ``sun.csv``, results of ``compare`` by
+commit 52d6d75. The score of a row of ratios is
 
     score = sqrt(mean over scenes of ln(our ratio / the thesis's ratio)²),
 
@@ -283,26 +284,12 @@ for rule in ("tilt", *dict.fromkeys(row["rule"] for row in choices)):
 publish("choices", f"| choice | {TITLES} | score |", lines)
 
 # %%
-# The same car with and without the sun in its sky.
-lines = []
-for name in ("tt", "tt-overcast"):
-    group = Group("independent")
-    if not group.seeds(name, "balance"):
-        continue
-    cells = [
-        f"{group.mse(name):.2e}",
-        group.cell(name, "tilt"),
-        group.cell(name, "shares"),
-    ]
-    lines.append(f"| {name} | {' | '.join(cells)} |")
-publish("sun", "| scene | MSE of balance | tilt / balance | shares / balance |", lines)
-
-# %%
-# What adds to both errors.
+# The same car with and without the sun in its sky, and what adds to both errors.
+lines = [f"| {' | '.join(row.values())} |" for row in read(TABLES / "sun.csv")]
+head = "| scene | MSE of balance | tilt / balance | shares / balance |"
+publish("sun", head, lines)
 lines = []
 for row in read(TABLES / "floors.csv"):
     cells = [f"{row[r]} ± {row[f'{r} half']}" for r in ("tilt", "shares")]
     lines.append(f"| {row['scene']} | {row['mse']} | {' | '.join(cells)} |")
-publish(
-    "floors", "| scene | MSE of balance | tilt / balance | shares / balance |", lines
-)
+publish("floors", head, lines)
