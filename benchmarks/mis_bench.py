@@ -2,14 +2,14 @@
 
 Run: python benchmarks/mis_bench.py                      (makes what is missing of the data, about ten minutes)
      python benchmarks/mis_bench.py --validate           (compares predicted and measured errors; of --rules RULE ...)
-     python benchmarks/mis_bench.py --page               (scores the baselines, and writes the table of the page)
+     python benchmarks/mis_bench.py --page               (scores rules, and writes mis-bench.md, what-weights-save.md)
+     python benchmarks/mis_bench.py --confirm --scenes teapot-area-light,killeroo-diffuse   (renders at full size)
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -24,7 +24,7 @@ from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
 from dmis.cli.bench_rules import rules_of
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.cost import camera_sample_cost
+from dmis.estimator.cost import camera_sample_cost, count_camera_samples
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import (
     FULL,
@@ -40,7 +40,7 @@ from dmis.experiment.bench.data import (
     read_truth,
 )
 from dmis.experiment.bench.decide import decide
-from dmis.experiment.bench.judge import BASELINES, error_time, random_shares, report, score
+from dmis.experiment.bench.judge import error_time, random_shares
 from dmis.experiment.bench.rendered import BOUND, SECONDS, fmt, load, measure
 from dmis.experiment.bench.samples import COLUMNS, samples
 from dmis.experiment.reference import REFERENCE_SEED
@@ -85,7 +85,7 @@ def draw_pilots(scene: Scene, settings: Settings, seed: int) -> Pilots:
 
 def measure_truth(scene: Scene, settings: Settings, spp: int = SPP, seed: int = 0) -> Truth:
     """Return converged variance and cost of each patch, from `spp` camera samples per pixel."""
-    job = resolve(scene, Fixed(0.5), spp, REFERENCE_SEED + 4 + seed, settings)
+    job = resolve(scene, Fixed(0.5), spp, REFERENCE_SEED + 4 + seed, settings).alone
     job.scene.prepare()
     settings, paired = job.settings, pilot_settings(job.settings, paired=True)
     height, width = job.budget.shape
@@ -171,10 +171,11 @@ def pilots_of_blocks(scene: Scene, settings: Settings, blocks: int, side: int, s
     for w in parts[0].tables:
         of_blocks = [replace(part.tables[w], pixel=part.tables[w].pixel + k * side**2) for k, part in enumerate(parts)]
         columns = {column: np.concatenate([getattr(t, column) for t in of_blocks]) for column in COLUMNS}
-        # rays of the image, as many as its blocks would have
-        kinds = set().union(*(t.rays for t in of_blocks))
-        share = weight / weight.sum() * blocks
-        rays = {kind: round(sum(f * t.rays.get(kind, 0) for f, t in zip(share, of_blocks))) for kind in sorted(kinds)}
+        # rays of the image, as many as its blocks would have; those of a part of it are of whole tiles
+        kinds = sorted(set().union(*(t.rays for t in of_blocks)))
+        numbers = np.array([[t.rays.get(kind, 0) / count_camera_samples(t.rays) for kind in kinds] for t in of_blocks])
+        per_sample = np.average(numbers, axis=0, weights=weight)
+        rays = {kind: round(n * blocks * side**2 * of_blocks[0].spp) for kind, n in zip(kinds, per_sample, strict=True)}
         tables[w] = replace(of_blocks[0], shape=(blocks * side, side), rays=rays, **columns)  # type: ignore[arg-type]
     # materials are numbered by what an image shows, so features are cut from those of the whole image
     whole = render_feature_buffers(scene)[0]
@@ -273,15 +274,6 @@ def validate(scenes: Sequence[str], rules: Sequence[str] = (*REQUIRED, *OTHERS))
     print(f"all scenes: pairs {pairs}, Kendall's tau {fmt((2 * agreeing - pairs) / pairs)}")
 
 
-def write_page(scenes: Sequence[str]) -> None:
-    """Score the baselines and replace the table of the page."""
-    sys.path.insert(0, str(ROOT / "examples"))
-    from common import replace_table
-
-    scores = {name: score(rule, scenes) for name, rule in BASELINES.items()}
-    replace_table(ROOT / "docs" / "mis-bench.md", "mis-bench", report(scores, "markdown").partition("\n\n")[0])
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0],
@@ -293,7 +285,14 @@ if __name__ == "__main__":
     parser.add_argument(
         "--rules", nargs="+", default=(*REQUIRED, *OTHERS), metavar="RULE", help="rules or Python files to validate"
     )
-    parser.add_argument("--page", action="store_true", help="write the table of docs/mis-bench.md")
+    parser.add_argument(
+        "--confirm", action="store_true", help="render full-size images with one weight, for docs/what-weights-save.md"
+    )
+    parser.add_argument(
+        "--page",
+        action="store_true",
+        help="write mis-bench.md, what-weights-save.md",
+    )
     options = parser.parse_args()
     names = options.scenes.split(",")
     if unknown := set(names) - {*SCENES, *FULL, *PACKAGED}:
@@ -302,5 +301,11 @@ if __name__ == "__main__":
     make_data([name for name in names if name in (*FULL, *PACKAGED)], [0])
     if options.validate:
         validate(names, options.rules)
-    if options.page:
-        write_page(names)
+    if options.page or options.confirm:
+        from weights_page import JUDGED, confirm, write_pages  # they import this file
+
+        if options.page:
+            make_data(JUDGED, [0])
+            write_pages(names)
+        if options.confirm:
+            confirm(names)

@@ -16,9 +16,8 @@ samples and judged on the other, both ways: noise in the choice raises a bound, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -312,6 +311,15 @@ def bounds(data: Bounds, measure: int, keep: np.ndarray, judged: int = 1) -> Arr
     return np.array(values)
 
 
+def one_of_image(data: Bounds, kind: str) -> float:
+    """Return the best tilt or share for the absolute error of the whole image; `kind` is a name of `BOUNDS`."""
+    choose, allowed = BOUNDS[kind]
+    curves = variance(data.terms[:, 0].mean(axis=0), data.position[:, 0].mean(axis=0))
+    best, _ = choose(curves, data.cost[:, None], data.weight, allowed)
+    # of a share, places of the grid are equal; of a tilt, the first is 1/2
+    return float(GRID[best[0] % len(GRID)])
+
+
 def with_interval(estimate: Callable[[np.ndarray], Array], patches: int, groups: int = GROUPS) -> tuple[Array, Array]:
     """Return an estimate and half of its 95 % interval, from estimates that leave out one group of patches each."""
     from scipy.stats import t
@@ -342,15 +350,3 @@ def read_bounds(name: str, size: str) -> Bounds:
             np.savez_compressed(file, allow_pickle=False, **vars(data))
     with np.load(path, allow_pickle=False) as arrays:
         return Bounds(**arrays)
-
-
-def table_of_bounds(names: Sequence[str]) -> Mapping[tuple[str, str], Array]:
-    """Return by scene and size the bounds and halves of their intervals, ``(2 measures, 2, bounds)``."""
-    table = {}
-    for name in names:
-        for size in SIZES:
-            data = read_bounds(name, size)
-            table[name, size] = np.stack(
-                [with_interval(partial(bounds, data, measure), len(data.weight)) for measure in range(2)]
-            )
-    return table

@@ -100,7 +100,6 @@ CONTENTS = {
         "models",
         "pbrt",
         "report",
-        "paper",
         "play",
         "explain",
         "doctor",
@@ -109,6 +108,7 @@ CONTENTS = {
     ],
     "Measured": [
         "measurements",
+        "what-weights-save",
         "mis-bench",
         "bench-files",
         "literature",

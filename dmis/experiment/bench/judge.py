@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -108,12 +108,14 @@ def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> Array:
     if not oracle:
         finals = [decide(rule, pilots, seed) for pilots in read_pilots(path_of(scene, seed)).split(len(blocks))]
         adaptive = np.ndim(finals[0].spp) > 0 and finals[0].patterns is None
-    if len(blocks) > 1:  # numbers of samples are decided for a whole image
-        finals, adaptive = [replace(final, spp=SPP, begin=0) for final in finals], adaptive and oracle
     of_rule, of_balance = (
         [np.concatenate([of_pixels(*item, m) for item in zip(maps, blocks, strict=True)], axis=1) for m in range(2)]
         for maps in (finals, balance)
     )
+    if len(blocks) > 1:  # numbers of samples are decided for a whole image
+        adaptive = adaptive and oracle
+        for maps in (*of_rule, *of_balance):
+            maps[2] = 1
     return np.array(
         [_of_image(None if oracle else of_rule, of_balance, adaptive, part) for part in truth.leave_one_out()]
     )
