@@ -20,7 +20,7 @@ import count_lines  # noqa: E402
 
 LINES = {"dmis": 30_700, "tests": 30_700}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
-WORDS = 51_100
+WORDS = 50_950
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
