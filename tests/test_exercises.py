@@ -47,7 +47,7 @@ def test_starter_fails_and_solution_passes(path: Path) -> None:
 def test_starters_solutions_and_checks_have_the_same_numbers() -> None:
     names = [path.name for path in STARTERS]
     assert sorted(path.name for path in (FOLDER / "solutions").glob("*.py")) == names
-    assert [int(name[:2]) for name in names] == sorted(EXERCISES) == list(range(1, 22))
+    assert [int(name[:2]) for name in names] == sorted(EXERCISES) == list(range(1, 25))
 
 
 VELVET = """
@@ -151,6 +151,19 @@ MISTAKES: list[tuple[int, str, str, str]] = [
     ),
     (18, "ddof=1", "ddof=0", "need n - 1"),
     (18, "w * v_l + (1 - w) * v_b", "(1 - w) * v_l + w * v_b", "The shares are swapped"),
+    (22, "q[met] * distance", "distance", "the probability q of the lamp is missing"),
+    (22, "(met >= 0) & (cos_l > 0)", "cos_l != 0", "cos_l is not positive"),
+    (23, "mirrored, f, shared", "mirrored, f / (p_l + 1), shared", "its weight is 1"),
+    (23, "f / np.where(total > 0, total, 1)", "f / np.where(by_brdf, p_b, p_l).clip(1e-9)", "whichever drew the row"),
+    (24, "counts = mirrored[k]", "counts[:] = True", "is there twice"),
+    (24, "counts = mirrored[k]", "counts[:] = False", "what its ray meets must count"),
+    (24, "counts, emitted[k]", "mirrored[k], emitted[k]", "What the camera sees counts"),
+    (
+        24,
+        "total = total + throughput",
+        "throughput = throughput * factor[k]; total = total + throughput",
+        "steps before",
+    ),
 ]
 
 

@@ -17,7 +17,7 @@ from grading import EXERCISES
 from marks import mark_folder, table, write_csv
 from starters import starter
 
-for _name in ("one_batch", "monte_carlo", "sampling", "mis", "parabola", "pilot", "own"):
+for _name in ("one_batch", "monte_carlo", "sampling", "mis", "parabola", "pilot", "own", "paths"):
     import_module(f"check_{_name}")
 
 

@@ -1,0 +1,259 @@
+r"""
+7. Many lights, mirrors and paths
+=================================
+
+After this tutorial you can
+
+* choose one of several lamps for each sample, and have it right in both densities;
+* keep mirrors out of multiple importance sampling;
+* count light once on a path, whichever way it is found;
+* tell these three faults by a table of means, and by `dmis.doctor`.
+
+Each part has the right code first, then the mistake that most renderers had once.
+"""
+
+import os
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import dmis
+from dmis import plot
+
+QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
+PIXELS, SPP = (16, 64) if QUICK else (64, 1024)
+rng = np.random.default_rng(1)
+
+# %%
+# One of four lamps
+# -----------------
+# A matte floor lies under four square lamps that face down, all at one height, so that
+# none hides another. Each pixel is one point of the floor, on a line below them.
+CENTRE = np.array([-1.2, -0.4, 0.3, 1.2])  # x of each lamp
+HEIGHT = 0.6
+SIDE = np.array([0.1, 0.5, 0.2, 0.9])
+RADIANCE = np.array([40.0, 4.0, 9.0, 1.0])
+AREA = SIDE**2
+point = np.linspace(-1.6, 1.6, PIXELS).repeat(SPP)  # x of each camera sample
+
+
+def lamp_met(x, wi):
+    """Return the lamp that rays from points x meet in directions (3, N), -1: none."""
+    met = np.full(len(x), -1)
+    t = HEIGHT / np.maximum(wi[2], 1e-9)
+    for k in range(4):
+        inside = abs(x + t * wi[0] - CENTRE[k]) < SIDE[k] / 2
+        met[inside & (abs(t * wi[1]) < SIDE[k] / 2)] = k
+    return met
+
+
+# %%
+# A light sample picks lamp k with the probability :math:`q_k`, and then a point of it.
+# The density of its direction has *both* steps, with the distance d and the angle
+# :math:`\theta_l` at the lamp:
+#
+# .. math::
+#
+#    p_l = q_k \, \frac{1}{A_k} \, \frac{d^2}{\cos\theta_l}
+#
+# A BRDF sample does not pick a lamp, it meets one. For its weight it needs the density
+# with which light sampling *would have* drawn the same direction. So it looks up
+# :math:`q_k` of the lamp that it met.
+def light_density(x, wi, q):
+    """Return p_l of directions, with the probability of the lamp, and the lamp met."""
+    met = lamp_met(x, wi)
+    cos = np.maximum(wi[2], 1e-9)  # at the floor, and at lamps, which face down
+    distance = HEIGHT / cos
+    density = q[met] / AREA[met] * distance**2 / cos
+    return np.where(met >= 0, density, 0), met
+
+
+def light_samples(x, q):
+    """Return directions to points of lamps that are picked with probabilities q."""
+    k = rng.choice(4, len(x), p=q)
+    u, v = rng.uniform(-0.5, 0.5, (2, len(x))) * SIDE[k]
+    to_lamp = np.stack([CENTRE[k] + u - x, v, np.full(len(x), HEIGHT)])
+    return to_lamp / np.linalg.norm(to_lamp, axis=0)
+
+
+def brdf_samples(count):
+    """Return directions in proportion to the cosine: p_b = cos / pi."""
+    radius, angle = np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
+    height = np.sqrt(1 - radius**2)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), height])
+
+
+def make_table(q, in_brdf_rows=light_density):
+    """Return the shading samples of the floor as columns, as `dmis.doctor` reads them.
+
+    ``in_brdf_rows`` is what the renderer computes where the BRDF drew the direction.
+    """
+    rows = []
+    draws = light_samples(point, q), brdf_samples(len(point))
+    for technique, wi in enumerate(draws):
+        look_up = in_brdf_rows if technique else light_density
+        p_l, met = look_up(point, wi, q)
+        radiance = np.where(met >= 0, RADIANCE[met], 0)
+        f = 0.5 / np.pi * radiance * wi[2]
+        rows.append({"f": f, "p_l": p_l, "p_b": wi[2] / np.pi, "light": met})
+        rows[-1]["technique"] = np.full(len(f), technique)
+        rows[-1]["pixel"] = np.arange(PIXELS).repeat(SPP)
+        rows[-1]["camera_sample"] = np.tile(np.arange(SPP), PIXELS)
+    table = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    return table | {"light_samples": 1, "brdf_samples": 1, "version": 1}
+
+
+def estimates(table, weight="balance"):
+    """Return what the samples of each technique add, ``(2, PIXELS, SPP)``."""
+    of_light = table["technique"] == 0
+    own = np.where(of_light, table["p_l"], table["p_b"])
+    if weight == "balance":
+        own = table["p_l"] + table["p_b"]
+    value = np.where(own > 0, table["f"] / np.maximum(own, 1e-30), 0)
+    return value.reshape(2, PIXELS, SPP)
+
+
+# %%
+# All probabilities give the same mean, as long as no lamp that is seen has 0. The noise
+# differs: a lamp that matters should be picked often. By power is a good start. Here is
+# the noise of picking evenly and by power, each with the balance heuristic.
+power = RADIANCE * AREA
+choices = {"evenly": np.full(4, 0.25), "by power": power / power.sum()}
+figure, axes = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained")
+x = np.linspace(-1.6, 1.6, PIXELS)
+for name, q in choices.items():
+    values = estimates(make_table(q)).sum(axis=0)
+    axes[0].plot(x, values.mean(axis=1), label=name)
+    axes[1].plot(x, values.std(axis=1), label=name)
+axes[0].set(title="mean: the same", xlabel="x on the floor", ylabel="radiance")
+axes[1].set(title="noise of one sample: not", xlabel="x on the floor")
+axes[1].legend()
+
+
+# %%
+# **The mistake.** The BRDF branch asks the lamp that it met for its density, and the
+# lamp does not know that it is one of four.
+def forgets_q(x, wi, q):
+    """Return p_l of a lamp alone: the probability of the lamp is missing."""
+    return light_density(x, wi, np.ones(4))
+
+
+right, wrong = (make_table(choices["evenly"], of) for of in (light_density, forgets_q))
+for name, table in (("right", right), ("forgets q", wrong)):
+    light, brdf = (part.mean() for part in estimates(table, "alone"))
+    both = estimates(table).sum(axis=0).mean()
+    print(f"{name:9}: light {light:.4f}, BRDF {brdf:.4f}, balance {both:.4f}")
+
+# %%
+# Each technique alone is right in both renderers, because neither divides by the other
+# one's density. Only their mixture is too dark: nothing looks wrong but the brightness.
+# The doctor needs nothing but the samples:
+print(dmis.doctor(right).text(), "\n")
+print(dmis.doctor(wrong).text())
+
+# %%
+# It says which column is wrong, in which rows, and the factor: 4, one over q. The means
+# by pixel are a picture of it: too dark everywhere, most where both techniques work.
+figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
+for name, table in (("right", right), ("forgets q", wrong)):
+    axis.plot(x, estimates(table).sum(axis=0).mean(axis=1), label=name)
+axis.set(title="mean of the balance heuristic", xlabel="x on the floor")
+axis.legend()
+
+# %%
+# Mirrors
+# -------
+# A mirror sends all light from one direction. Its BRDF is a *delta* function: zero but
+# in one direction, and there infinite. So
+#
+# * light sampling adds nothing: a point of a lamp lies in that direction with
+#   probability 0;
+# * the mirrored ray has weight 1: there is no technique to share with. What it brings
+#   is the mirror's reflectance times the radiance, with no density to divide by.
+#
+# **The mistake.** A renderer writes 1 where a delta lobe has its density, and weighs
+# the ray as any other sample, by :math:`p_b / (p_l + p_b)`. Let the floor be a mirror
+# of reflectance 0.5 that the camera sees from above, at an angle.
+slope = np.array([[0.3], [0.0], [1.0]]) / np.linalg.norm([0.3, 0, 1])
+mirrored = np.repeat(slope, len(point), axis=1)
+p_l, met = light_density(point, mirrored, choices["evenly"])
+light_seen = 0.5 * np.where(met >= 0, RADIANCE[met], 0)
+weighed = light_seen * 1 / (p_l + 1)
+print(f"lamps in the mirror: {light_seen.mean():.3f}, weighed: {weighed.mean():.3f}")
+
+# %%
+# The lamps in the mirror are too dark, most the small ones, which light sampling finds
+# surely. In a table such rows show as a BRDF branch that draws directions which the
+# light rows never have.
+# That is why delta lobes stay out of the tables of the doctor, and out of MIS.
+figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
+for name, values in (("right", light_seen), ("weighed", weighed)):
+    axis.plot(x, values.reshape(PIXELS, SPP)[:, 0], label=name, drawstyle="steps-mid")
+axis.set(title="lamps seen in a mirror", xlabel="x on the floor", ylabel="radiance")
+axis.legend()
+
+# %%
+# Once, not twice
+# ---------------
+# A path goes on from each surface in one direction. At each of its surfaces light
+# samples and BRDF samples gather what the lamps send there. With the throughput
+# :math:`T_k`, the product of all :math:`f_r \cos\theta / p` on the way to surface k,
+# and what is gathered there, :math:`D_k`, and emitted, :math:`E_k`:
+#
+# .. math::
+#
+#    L = \sum_k T_k \left( D_k + [k = 0 \text{ or a mirror led to } k] \, E_k \right)
+#
+# The bracket is what matters. If the path's next ray meets a lamp, that is light which
+# :math:`D_{k-1}` has gathered already, by its two techniques. Counted again it is there
+# twice. After a mirror nothing was gathered, so there it must count; and what the
+# camera sees itself, too.
+#
+# **The mistake** is to add :math:`E_k` at every surface. Here are the floor's samples
+# once more, and next rays of the same BRDF.
+gathered = estimates(right).sum(axis=0).ravel()
+onwards = brdf_samples(len(point))
+met = lamp_met(point, onwards)
+met_again = 0.5 * np.where(met >= 0, RADIANCE[met], 0)  # f_r cos / p = 0.5
+for name, values in (("once", gathered), ("twice", gathered + met_again)):
+    error = values.std() / np.sqrt(len(values))
+    print(f"{name:6}: {values.mean():.4f} ± {error:.4f}")
+
+# %%
+# Twice the light everywhere, which nobody sees without another image. The table of the
+# doctor does not have it: all its samples are right, and the fault is in their sum. A
+# white furnace shows it. So does a comparison: direct light and paths of one surface
+# must have the same mean. In dmis they are the same bits.
+scene = dmis.load_scene("cornell", resolution=(24, 24) if QUICK else (96, 96))
+ways = {"direct": {}, "path": {"max_depth": 1}}
+images = [
+    dmis.render(scene, "balance", 16, integrator=name, **more).image
+    for name, more in ways.items()
+]
+print("the same bits:", np.array_equal(*images))
+deep = dmis.render(scene, "balance", 16, integrator="path", max_depth=5)
+figure, axes = plt.subplots(1, 2, figsize=(9, 4.4), layout="constrained")
+plot.picture(axes[0], images[0], "one surface")
+plot.picture(axes[1], deep.image, "paths of five surfaces")
+
+# %%
+# Paths never end by themselves. Russian roulette ends those of little throughput at
+# random, with the probability 1 - T, and divides the survivors by T: the mean stays.
+#
+# From four lamps on, dmis does what the first part did, with probabilities from a tree
+# of the lamps, where a path has scattered: later surfaces count for less in the image.
+#
+# Exercises
+# ---------
+# The page "Syllabus" links to the starter files and to solutions. Write your code into
+# the file, and check it with ``python docs/exercises/checks N FILE``.
+#
+# 22. *Easy.* The density of a direction with one of several lamps
+#     (``22_one_of_many.py``).
+# 23. *Medium.* Weights where some samples come from mirrors (``23_delta.py``).
+# 24. *Hard.* The radiance of paths, each light once (``24_once.py``).
+#
+# To think about: a lamp that is hidden from a point has q > 0 there. What does that
+# cost, and what would q = 0 cost elsewhere?
+for path in plot.show("7_paths_and_lights"):
+    print(path)
