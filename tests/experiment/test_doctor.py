@@ -249,6 +249,21 @@ def test_fireflies_and_savings():
     assert firefly_share(read_table(table)) > 0.999 and firefly_share(read_table(synthetic(4000))) < 0.02
 
 
+def test_large_tables_are_thinned(monkeypatch):
+    """Parts and savings are of every k-th camera sample, in two halves still; all rows are tested with all rows."""
+    table = read_table(synthetic(20_000))
+    few = table.thinned(len(table) // 4 + 1)
+    assert 0.2 < len(few) / len(table) < 0.3 and set(np.unique(few.sample % 2)) == {0, 1}
+    assert few.sample[-1] == table.sample[-1] // 4 and (np.diff(few.sample) >= 0).all()
+    assert savings(few) == pytest.approx(savings(table), abs=0.03)
+    assert firefly_share(few) == pytest.approx(firefly_share(table), rel=0.5)
+    rows = {test.where: test.rows for test in means.tests(table)}
+    monkeypatch.setattr(means, "MOST", len(table) // 4 + 1)
+    of_few = {test.where: test.rows for test in means.tests(table)}
+    assert rows["all rows"] == of_few["all rows"] == len(table)
+    assert of_few["light 1"] == pytest.approx(rows["light 1"] / 4, rel=0.1)
+
+
 def test_table_of_samples():
     """What `dmis.samples` returns is a table, and right."""
     diagnosis = dmis.doctor(dmis.samples(shared_scene("teapot-area-light", (40, 40)), spp=16, sampler="independent"))

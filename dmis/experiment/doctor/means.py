@@ -38,6 +38,8 @@ LEAST_SAMPLES = 50.0
 """Least effective number of rows of each technique in a test: of fewer, the sum is not normal."""
 BLOCKS = 4
 """Blocks of pixels across and down."""
+MOST = 2_000_000
+"""Rows of parts that are tested, of every k-th camera sample."""
 TURNS, HEIGHTS = 16, 8
 """Cells of directions: of equal angles about the axis z, and of equal steps of z."""
 TINIEST = 1e-100
@@ -92,7 +94,6 @@ def terms(table: Table) -> Iterator[tuple[str, Array]]:
 
 def parts(table: Table) -> Iterator[tuple[list[str], Array]]:
     """Yield names of parts, and the part of each row, ``(R,)``, as far as the table has columns for it."""
-    yield ["all rows"], np.zeros(len(table), np.int16)
     for label, column in table.labels.items():
         values = np.unique(column)
         yield [f"{label} {value}" for value in values], np.searchsorted(values, column).astype(np.int16)
@@ -113,8 +114,10 @@ def parts(table: Table) -> Iterator[tuple[list[str], Array]]:
 
 def tests(table: Table) -> list[Test]:
     """Return the tests of all rows, and then of parts: lights, lobes, depths, blocks of pixels, cells of directions."""
-    of_rows = {name: signed.astype(np.float32) for name, signed in terms(table)}
-    return [test for names, part in parts(table) for test in _tests(table, of_rows, names, part)]
+    found = list(_tests(table, dict(terms(table)), ["all rows"], np.zeros(len(table), np.int16)))
+    some = table.thinned(MOST)
+    of_rows = dict(terms(some))
+    return found + [test for names, part in parts(some) for test in _tests(some, of_rows, names, part)]
 
 
 def _tests(table: Table, of_rows: Mapping[str, Array], names: list[str], part: Array) -> Iterator[Test]:

@@ -51,6 +51,14 @@ class Table:
     def __len__(self) -> int:
         return len(self.f)
 
+    def thinned(self, most: int) -> Table:
+        """Return the rows of every k-th camera sample, numbered anew, k so that they are about `most` at most."""
+        k = max(1, -(-len(self) // most))
+        kept = np.flatnonzero(self.sample % k == 0)
+        columns = {name: getattr(self, name)[kept] for name in ("is_light", "f", "a_l", "a_b", "pixel", "index")}
+        labels = {name: label[kept] for name, label in self.labels.items()}
+        return replace(self, sample=self.sample[kept] // k, labels=labels, **columns)
+
     def geometry(self, name: str, rows: Array | slice = slice(None)) -> Array | None:
         """Return a column of geometry in some rows, as it was given; None if the table does not have it."""
         return np.asarray(self.source[name])[self.index[rows]] if name in self.source else None
