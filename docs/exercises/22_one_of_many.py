@@ -23,6 +23,4 @@ def light_density(met, distance, cos_l, area, q):
         Area and probability of each lamp, ``(L,)``; the probabilities sum to 1.
     """
     density = distance**2 / (area[met] * np.maximum(cos_l, 1e-9))
-    return np.where(
-        met >= 0, density, 0
-    )  # wrong: this is the density of one lamp alone
+    return np.where(met >= 0, density, 0)  # wrong: that of one lamp alone

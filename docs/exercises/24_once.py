@@ -26,8 +26,7 @@ def radiance(gathered, emitted, factor, mirrored):
     """
     total, throughput = np.zeros_like(gathered[0]), np.ones_like(gathered[0])
     for k in range(len(gathered)):
-        total = total + throughput * (
-            gathered[k] + emitted[k]
-        )  # wrong: twice the light
+        here = gathered[k] + emitted[k]  # wrong: twice the light
+        total = total + throughput * here
         throughput = throughput * factor[k]
     return total

@@ -7,7 +7,7 @@ After this tutorial you can
 * choose one of several lamps for each sample, and have it right in both densities;
 * keep mirrors out of multiple importance sampling;
 * count light once on a path, whichever way it is found;
-* tell these three faults by a table of means, and by `dmis.doctor`.
+* tell the first fault by `dmis.doctor`, and the others by means.
 
 Each part has the right code first, then the mistake that most renderers had once.
 """
@@ -140,9 +140,10 @@ def forgets_q(x, wi, q):
 
 right, wrong = (make_table(choices["evenly"], of) for of in (light_density, forgets_q))
 for name, table in (("right", right), ("forgets q", wrong)):
-    light, brdf = (part.mean() for part in estimates(table, "alone"))
-    both = estimates(table).sum(axis=0).mean()
-    print(f"{name:9}: light {light:.4f}, BRDF {brdf:.4f}, balance {both:.4f}")
+    ways = [*estimates(table, "alone"), estimates(table).sum(axis=0)]
+    errors = (of.std() / np.sqrt(of.size) for of in ways)
+    means = [f"{of.mean():.4f} ± {e:.4f}" for of, e in zip(ways, errors, strict=True)]
+    print(f"{name:9}: light {means[0]}, BRDF {means[1]}, balance {means[2]}")
 
 # %%
 # Each technique alone is right in both renderers, because neither divides by the other
@@ -182,10 +183,9 @@ weighed = light_seen * 1 / (p_l + 1)
 print(f"lamps in the mirror: {light_seen.mean():.3f}, weighed: {weighed.mean():.3f}")
 
 # %%
-# The lamps in the mirror are too dark, most the small ones, which light sampling finds
-# surely. In a table such rows show as a BRDF branch that draws directions which the
-# light rows never have.
-# That is why delta lobes stay out of the tables of the doctor, and out of MIS.
+# The lamps in the mirror are too dark, most of all the small ones, which light sampling
+# finds surely. The doctor cannot tell: it compares rows that both techniques could
+# draw, and here there are none. Delta lobes stay out of its tables, and out of MIS.
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
 for name, values in (("right", light_seen), ("weighed", weighed)):
     axis.plot(x, values.reshape(PIXELS, SPP)[:, 0], label=name, drawstyle="steps-mid")
