@@ -41,7 +41,11 @@ def _load_module(package: str, name: str) -> ModuleType:
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
-        return _load_module("dmis", name)
+        try:
+            return _load_module("dmis", name)
+        except AttributeError as error:
+            written = import_module("dmis.base.synonyms").NAMES.get(name)
+            raise AttributeError(f"{error}: write {written}" if written else str(error)) from None
     value = globals()[name] = getattr(import_module(_HOMES[name]), name)
     return value
 

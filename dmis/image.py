@@ -38,9 +38,9 @@ def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
 
 
 def write_exr(
-    path: str | os.PathLike[str], layers: Mapping[str, Array], attributes: Mapping[str, str] | None = None
+    path: str | os.PathLike[str], layers: Mapping[str, Array] | Array, attributes: Mapping[str, str] | None = None
 ) -> None:
-    """Write layers ``(H, W)`` or ``(H, W, 3)``, float16 or float32, with string attributes.
+    """Write layers ``(H, W)`` or ``(H, W, 3)``, float16 or float32, with string attributes; or an image alone.
 
     A three-channel layer called ``RGB`` is the image; ``name.R``, ``name.G``, ``name.B`` hold any other.
 
@@ -54,7 +54,7 @@ def write_exr(
         raise ValueError(f"an image file must end in .exr (or .png for a preview); got {path}")
     check_writable(path)
     channels = {}
-    for name, layer in layers.items():
+    for name, layer in (layers if isinstance(layers, Mapping) else {"RGB": np.asarray(layers)}).items():
         if layer.ndim not in (2, 3) or (layer.ndim == 3 and layer.shape[2] != 3):
             raise ValueError(f"layer {name} must have shape (H, W) or (H, W, 3); got {layer.shape}")
         if name == "RGB" and not np.isfinite(layer).all():

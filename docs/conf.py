@@ -100,6 +100,7 @@ CONTENTS = {
         "models",
         "pbrt",
         "report",
+        "paper",
         "play",
         "explain",
         "doctor",

@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Container, Mapping
+import sys
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NoReturn
 
 from dmis import __version__
+from dmis.base.synonyms import COMMAND_LINE, advice
 from dmis.base.text import printable
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import SCENES as BENCH_SCENES
@@ -30,6 +32,18 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         super().error(printable(message))
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Return the options; a word that is none ends the program with what to write in its place."""
+        words = sys.argv[1:] if args is None else list(args)
+        if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+            self.error(f"there is no command {words[0]}{advice(words[0], COMMAND_LINE, COMMANDS)}; see dmis --help")
+        known, unknown = self.parse_known_args(words, namespace)
+        if unknown:
+            word = unknown[0].partition("=")[0]
+            options = " ".join((*COMMANDS[known.command][1], *PLUGIN)).split()
+            self.error(f"{known.command} has no {word}{advice(word, COMMAND_LINE, options)}")
+        return known
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -110,7 +124,9 @@ SCENE = {
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
     "--up": _option("axis of a model that is up (default: y; PLY and STL: z)", choices=("y", "z")),
     "--camera": _option(
-        "camera of a model's file (default: its first; else one that sees all)", group="view", metavar="NAME"
+        "camera of a model's file, by name or number from 0 on (default: its first; else one that sees all)",
+        group="view",
+        metavar="NAME",
     ),
     "--look-at": _option(
         "place of a camera for a model, and the point in the middle of its image",
@@ -141,6 +157,7 @@ RULES_HELP = f"""weight rule: {", ".join(RULES)}; with options: thesis:patch=8,f
 fewer than 16 samples per pixel)"""
 OUTPUT = "-o --output"
 FOLDER: dict[str, Any] = {"parse": Path, "required": True, "metavar": "DIR"}
+METRICS = ("relmse", "mse", "flip")
 COMMANDS: Mapping[str, tuple[str, Options]] = {
     "render": ("render a scene to an EXR file with layers", {
         **SCENE,
@@ -166,8 +183,9 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **QUIET,
         **VERBOSE,
     }),
-    "compare": ("compare rules on a scene: error, time, rays", {
+    "compare": ("compare rules on one scene or several: error, time, rays", {
         **SCENE,
+        "scene": _option("scenes; of several each has its own folder in DIR", nargs="+", metavar="SCENE"),
         OUTPUT: _option("output directory; an existing comparison in it is resumed", **FOLDER),
         "--rules": _option("rules separated by commas, or all (default %(default)s)", str, "balance,thesis,auto"),
         "--spp": _option("camera samples per pixel of each budget (default 128)", SPP_LIST, metavar="N,N,..."),
@@ -182,6 +200,29 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **THREADS,
         **QUIET,
         **VERBOSE,
+    }),
+    "figure": ("draw a figure of a comparison for a paper: the image, and crops of each rule", {
+        "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
+        OUTPUT: _option("figure: .pdf, .png, or a page with linked zoom, .html", Path, required=True, metavar="FILE"),
+        "--rules": _option("rules separated by commas (default: all)", str, "", metavar="A,B,..."),
+        "--crops": _option(
+            "windows x,y,w,h in pixels, of one size (default auto: two, where the rules differ most)", str,
+            nargs="+", metavar="auto|x,y,w,h",
+        ),
+        "--metric": _option("error below each rule (default %(default)s)", str, "relmse", choices=METRICS),
+        "--exposure": _option("factor of the images (default 1)", POSITIVE, 1.0, metavar="X"),
+        "--width": _option("inches: 7 for a page (default), 3.33 for a column", POSITIVE, 7.0, metavar="IN"),
+        "--errors": _flag("also draw maps of errors, on one scale"),
+    }),
+    "table": ("write the table of a comparison for a paper: LaTeX, Markdown or CSV", {
+        "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
+        OUTPUT: _option("table: .tex, .md or .csv", Path, required=True, metavar="FILE"),
+    }),
+    "diff": ("say how far an image is from another: MSE, relMSE, FLIP", {
+        "image": _option("EXR or .npy file", Path, metavar="A.exr"),
+        "reference": _option("EXR or .npy file that it is measured against", Path, metavar="B.exr"),
+        "--metric": _option("of the map (default %(default)s)", str, "relmse", choices=METRICS),
+        OUTPUT: _option("also draw a map of the errors", Path, metavar="MAP.png"),
     }),
     "oracle": ("compute what the best weights and numbers of samples of a scene would save", {
         **SCENE,

@@ -1,4 +1,4 @@
-"""Commands of ``python -m dmis``: render, compare, oracle, play, explain, info, check, doctor, bench, bench-rules.
+"""Commands of ``python -m dmis``, which `dmis.cli.arguments` lists.
 
 Bad input ends with exit code 2 and one message. An interrupted command ends with 130, and its message has the command
 that resumes it.
@@ -25,15 +25,19 @@ from dmis.cli.arguments import make_parser
 from dmis.cli.bench_rules import bench_rules
 from dmis.cli.check import check
 from dmis.cli.doctor import doctor
+from dmis.cli.figures import diff, figure, table
 from dmis.cli.rendering import render
 from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of, spp_of
 from dmis.estimator.settings import make_settings
-from dmis.experiment.compare import check_output, compare, parse_rules, summary
+from dmis.experiment.compare import check_output, compare, parse_rules, summary, summary_of_scenes
 from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import cache_folder, load_reference, make_reference
 from dmis.experiment.speed import HEADER, bench
+from dmis.experiment.table import Comparison
 from dmis.fit.registry import RULES, make_rule
 from dmis.formats.load_scene import SHIPPED
+from dmis.image import read_exr
+from dmis.scene.scene import Scene
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
     """Return what an interrupted command has saved, and the command that resumes it."""
     again, command = "Run the same command to resume.", options.command
-    if command == "compare" and (options.output / "results.csv").exists():
+    if command == "compare" and any(options.output.glob("**/results.csv")):
         return f"; finished renders are kept in {options.output}. {again}"
     if command == "compare" and options.reference is not None:
         return "; nothing is kept, because no render was finished"
@@ -81,10 +85,36 @@ def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None)
 
 def _compare(options: argparse.Namespace) -> int:
     """Run ``compare`` and return its exit code."""
+    parse_rules(options.rules)
+    make_settings(**given_settings(options))  # a bad one ends the command before a scene is read
+    names = [Path(scene).stem for scene in options.scene]
+    if len(set(names)) < len(names):
+        raise ValueError(f"scenes must have different names, which are those of their folders; got {', '.join(names)}")
+    many = len(names) > 1
+    if many and options.reference is not None:
+        raise ValueError(f"--reference is of one scene; got {len(names)}. Leave it out, and references are rendered")
+    folders = [options.output / name if many else options.output for name in names]
+    for folder in folders:
+        check_output(folder)  # before a reference is rendered
+    scenes = [load(argparse.Namespace(**{**vars(options), "scene": scene})) for scene in options.scene]
+    comparisons = [_compare_scene(options, *each) for each in zip(scenes, folders, strict=True)]
+    if not many:
+        return 0
+    if not options.quiet:
+        say(summary_of_scenes(comparisons))
+    if find_spec("matplotlib") is not None:
+        from dmis.experiment.report.page import write_report  # imported where used: it brings matplotlib
+
+        page = options.output / "report.html"
+        write_report(comparisons, page)
+        if not options.quiet:
+            say(page)
+    return 0
+
+
+def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> Comparison:
+    """Compare rules on one scene, in a folder of its own, and return the comparison."""
     rules = parse_rules(options.rules)
-    make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
-    check_output(options.output)  # before the reference is rendered
-    scene = load(options)
     spp = options.spp or [spp_of(options, scene)]
     settings = settings_of(options, scene)
     expected = {name: settings[name] for name in ("integrator", "max_depth") if name in settings}  # of the image
@@ -101,7 +131,7 @@ def _compare(options: argparse.Namespace) -> int:
         if options.oracle_spp is not None:
             oracle = make_oracle(scene, options.oracle_spp, **of_renders, **curves)
         comparison = compare(
-            scene, rules, spp, range(options.seed, options.seed + options.seeds), reference, options.output,
+            scene, rules, spp, range(options.seed, options.seed + options.seeds), reference, output,
             oracle=oracle, progress=_print_run if options.verbose else progress, crop=options.crop,
             parallel=options.threads, **settings,
         )  # fmt: skip
@@ -111,8 +141,8 @@ def _compare(options: argparse.Namespace) -> int:
         say(f"dmis: {rule} is left out at {n} samples per pixel, {why}", error=True)
     if not options.quiet:
         say(summary(comparison))
-        say(*filter(Path.exists, (options.output / name for name in ("results.csv", "report.html"))))
-    return 0
+        say(*filter(Path.exists, (output / name for name in ("results.csv", "report.html"))))
+    return comparison
 
 
 def _print_run(rule: str, done: int, total: int) -> None:
@@ -188,7 +218,11 @@ def _info(options: argparse.Namespace) -> int:
     names = ("numpy", "scipy", "trimesh", "embreex", "OpenEXR")
     packages = ", ".join(f"{name} {version(name) if find_spec(name) else 'missing'}" for name in names)
     say(f"dmis {__version__}, Python {platform.python_version()}, {machine}\n{packages}")
-    if options.scene:
+    if options.scene and options.scene.lower().endswith(".exr"):
+        layers, attributes = read_exr(options.scene)
+        sizes = (f"  {name}: {' x '.join(map(str, layer.shape))}" for name, layer in layers.items())
+        say("", f"image {options.scene}, layers:", *sizes, *(f"  {name}: {text}" for name, text in attributes.items()))
+    elif options.scene:
         begin = time.perf_counter()
         scene, _ = load(options).in_float32
         scene.prepare()
@@ -211,6 +245,9 @@ def _bench(options: argparse.Namespace) -> int:
 _COMMANDS = {
     "render": render,
     "compare": _compare,
+    "figure": figure,
+    "table": table,
+    "diff": diff,
     "oracle": _oracle,
     "play": _play,
     "explain": _explain,

@@ -13,9 +13,9 @@ from typing import Any
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
 from dmis.estimator.settings import Settings, make_settings
-from dmis.experiment.convergence import MEASURES, gains
+from dmis.experiment.convergence import MEASURES, gains, over_scenes
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import Reference
+from dmis.experiment.reference import Reference, make_reference
 from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list, timed_render
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
@@ -66,11 +66,11 @@ def check_output(folder: str | os.PathLike[str]) -> None:
 
 def compare(
     scene: Scene,
-    rules: Sequence[str],
-    spp: Sequence[int],
-    seeds: int | Sequence[int],
-    reference: Reference,
-    folder: str | os.PathLike[str],
+    rules: Sequence[str] = ("balance", "thesis", "auto"),
+    spp: Sequence[int] = (128,),
+    seeds: int | Sequence[int] = 5,
+    reference: Reference | None = None,
+    folder: str | os.PathLike[str] | None = None,
     *,
     oracle: Oracle | None = None,
     crop: Sequence[int] | None = None,
@@ -86,14 +86,13 @@ def compare(
 
     Parameters
     ----------
-    rules, spp
-        Rules as text with options, camera samples per pixel (pilot included): all combinations are rendered.
-    seeds
-        Number K of seeds, which are 0 to K - 1, as ``--seeds K`` on the command line; or a list of seeds.
+    rules, spp, seeds
+        Rules as text with options, camera samples per pixel (pilot included), and a list of seeds or the number K of
+        the seeds 0 to K - 1: all combinations are rendered.
     reference
-        Image that errors are measured against.
+        Image that errors are measured against; None: `dmis.make_reference` of 1024 samples per pixel.
     folder
-        Output directory; an existing comparison in it is resumed.
+        Output directory; an existing comparison in it is resumed. None: one with the scene's name.
     oracle
         Oracle of the maps of regret; None: there are no such maps.
     crop, progress, options
@@ -107,9 +106,10 @@ def compare(
         If a file of `folder` cannot be written.
     """
     parallel = options.pop("parallel", None)
-    settings, folder = make_settings(**options), Path(folder)
+    settings, folder = make_settings(**options), Path(scene.name if folder is None else folder)
     rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, oracle, settings)
     check_output(folder)
+    reference = reference or make_reference(scene, 1024, settings=settings, parallel=parallel, progress=progress)
     results = Results(folder, conditions(scene, reference, parallel, settings, crop), rules, reference)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if make_rule(rule).pilot_samples(n) < n]
@@ -118,7 +118,7 @@ def compare(
         progress=progress, crop=crop, parallel=parallel, settings=settings,
     )  # fmt: skip
     rows = run_by_key([*results.runs, *Results(folder, results.about).runs])  # the latter's digits, if it has the row
-    in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
+    in_order = ((rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets})
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
     layers = results.layers(runs, reference, partial(timed_render, settings, parallel, scene))
     comparison = Comparison(results.about, runs, layers, reference, oracle, results.provenance)
@@ -140,7 +140,8 @@ def _check_arguments(
                 f'class of your own by dmis.register_rule("mine", MyRule), and write "mine:patch=8"'
             )
     width, height = scene.camera.resolution
-    if not isinstance(reference, Reference) or reference.first.shape[:2] != (height, width):
+    is_fitting = isinstance(reference, Reference) and reference.first.shape[:2] == (height, width)
+    if reference is not None and not is_fitting:
         got = reference.first.shape[1::-1] if isinstance(reference, Reference) else type(reference).__name__
         raise ValueError(
             f"reference must be a dmis.Reference of {width}x{height} pixels, like the scene, which "
@@ -186,4 +187,13 @@ def summary(c: Comparison) -> str:
         lines.append(f"| {' | '.join(cells)} |")
     for line in filter(None, [c.few_pixels(), *fallbacks(c.runs), c.window.text(), *c.alarms()]):
         lines += ["", line]
+    return "\n".join(lines)
+
+
+def summary_of_scenes(comparisons: Sequence[Comparison]) -> str:
+    """Return a table in Markdown with the geometric means over scenes that `over_scenes` gives, of each rule."""
+    means = [over_scenes([c.runs for c in comparisons], measure) for measure in MEASURES]
+    titles = ["rule", *(f"{name}·CPU s / balance, {len(comparisons)} scenes" for name in MEASURES.values())]
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    lines += [f"| {rule} | {' | '.join(of[rule].text() for of in means)} |" for rule in means[0]]
     return "\n".join(lines)

@@ -150,18 +150,51 @@ def _errors(runs: Sequence[Run], measure: Measure, times_cpu: bool = False) -> A
 def _ratios(values: Sequence[Array]) -> list[Interval]:
     """Return the ratios of the means over seeds of ``values[1:]`` to that of ``values[0]``, ``(K,)`` each.
 
-    Intervals are Student's, of the logarithms (`dmis.experiment.metrics.log_ratio`), at the levels of Holm
-    (`dmis.experiment.metrics.holm_levels`). The ends are NaN for one seed, since one run does not show the scatter; all
-    is NaN for values that are not above 0, or unknown.
+    Intervals are Student's, of the logarithms (`dmis.experiment.metrics.log_ratio`), at the levels of Holm. The ends
+    are NaN for one seed, since one run does not show the scatter; all is NaN for values that are not above 0, or
+    unknown.
+    """
+    logs = np.array([log_ratio(of_rule, values[0]) for of_rule in values[1:]]).reshape(-1, 2)
+    return _intervals(logs[:, 0], logs[:, 1], max(1, len(values[0]) - 1))
+
+
+def _intervals(value: Array, error: Array, degrees: int) -> list[Interval]:
+    """Return ratios with their intervals, at the levels of Holm (`dmis.experiment.metrics.holm_levels`).
+
+    `value` and `error` are logarithms of ratios and their standard errors, ``(N,)``.
     """
     from scipy.stats import t  # imported where used: scipy.stats takes half a second
 
-    logs = np.array([log_ratio(of_rule, values[0]) for of_rule in values[1:]]).reshape(-1, 2)
-    degrees, (value, error) = max(1, len(values[0]) - 1), logs.T
     with np.errstate(divide="ignore", invalid="ignore"):  # the same runs under two names have no scatter
         p = np.nan_to_num(2 * t.sf(np.abs(value / error), degrees), nan=1.0)
     half = t.isf(holm_levels(p) / 2, degrees) * error
     return [Interval(*ends) for ends in np.exp([value, value - half, value + half]).T.tolist()]
+
+
+def over_scenes(scenes: Sequence[Mapping[Budget, Sequence[Run]]], measure: Measure = "relmse") -> dict[str, Interval]:
+    """Return by rule the geometric mean over scenes of error times CPU seconds over that of the balance heuristic.
+
+    Of the rules that all scenes have at their largest budgets. Intervals are of the seeds: the scenes are those that
+    were chosen, and other scenes may have other ratios.
+
+    Parameters
+    ----------
+    scenes
+        Runs of each scene by budget, `balance` among them; at least one scene.
+    measure
+        Of the error, one of `MEASURES`.
+    """
+    largest = [max(spp for _, spp in runs) for runs in scenes]
+    of_first = (rule for rule, n in scenes[0] if n == largest[0] and rule not in ("balance", PINNED))
+    rules = [rule for rule in of_first if all((rule, n) in runs for runs, n in zip(scenes, largest, strict=True))]
+    logs = np.zeros((2, len(rules), len(scenes)))
+    for k, (runs, spp) in enumerate(zip(scenes, largest, strict=True)):
+        balance = _errors(runs["balance", spp], measure, times_cpu=True)
+        for i, rule in enumerate(rules):
+            logs[:, i, k] = log_ratio(_errors(runs[rule, spp], measure, times_cpu=True), balance)
+    seeds = min(len(by_seed) for runs in scenes for by_seed in runs.values())
+    value, error = logs[0].mean(axis=1), np.sqrt((logs[1] ** 2).sum(axis=1)) / len(scenes)
+    return dict(zip(rules, _intervals(value, error, max(1, seeds - 1)), strict=True))
 
 
 def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:

@@ -158,6 +158,16 @@ def relmse(
 ) -> float:
     """Return the mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, no outliers trimmed.
 
+    See `relative_error`, which has the parameters.
+    """
+    return float(relative_error(image, first, second, epsilon).mean())
+
+
+def relative_error(
+    image: Array | Result, first: Array | Reference, second: Array | None = None, epsilon: float = 0.01
+) -> Array:
+    """Return ``(x - r)^2 / (r^2 + epsilon)`` of each pixel, mean over channels, ``(H, W)``.
+
     Parameters
     ----------
     image, first, second
@@ -168,7 +178,35 @@ def relmse(
     """
     first, second = _halves(first, second)
     reference = (np.asarray(first, np.float64) + second) / 2
-    return float((_product(image, first, second) / (reference * reference + epsilon)).mean())
+    errors: Array = _product(image, first, second) / (reference * reference + epsilon)
+    return errors.mean(axis=2)
+
+
+def flip(image: Array | Result, reference: Array | Reference) -> Array:
+    """Return the difference that a viewer would see of each pixel, ``(H, W)`` from 0 to 1.
+
+    HDR-FLIP (Andersson et al. 2021) of linear RGB, at its default viewing distance, by the package ``flip-evaluator``.
+
+    Parameters
+    ----------
+    image
+        ``(H, W, 3)`` linear RGB, or a result; values below 0 count as 0.
+    reference
+        Of the same size; of a reference of two halves their mean.
+
+    Raises
+    ------
+    ImportError
+        If the package (extra ``flip``) is missing.
+    """
+    try:
+        import flip_evaluator  # imported where used: it is an extra
+    except ImportError as missing:
+        raise ImportError("FLIP needs flip-evaluator: pip install 'dmis[flip]'") from missing
+    truth = reference.mean if isinstance(reference, Reference) else reference
+    images = (np.maximum(np.asarray(of, np.float32), 0) for of in (truth, getattr(image, "image", image)))
+    found, *_ = flip_evaluator.evaluate(*images, "HDR", applyMagma=False, computeMeanError=False)
+    return np.asarray(found[..., 0])
 
 
 def _halves(first: Array | Reference, second: Array | None) -> tuple[Array, Array]:

@@ -72,6 +72,11 @@ class Reference:
         """Return the reference of an area of the image, rows and columns."""
         return Reference(self.first[area], self.second[area], self.spp)
 
+    def save(self, path: str | os.PathLike[str], attributes: Mapping[str, str] | None = None) -> None:
+        """Write both halves as layers ``first`` and ``second`` of an EXR file, which `load_reference` reads."""
+        about = {"spp": str(self.spp), **(attributes or {})}
+        write_exr(path, {"first": self.first, "second": self.second}, about)
+
     def text(self) -> str:
         """Return a line with the samples and the standard error of the reference."""
         if self.mse == 0:
@@ -138,8 +143,8 @@ def make_reference(
         check_image(path)
         more = {"settings": settings, "sampler": "sobol", "parallel": parallel, "progress": progress}
         with render_halves(path, scene, rule, spp, REFERENCE_SEED, **more) as (first, second):
-            write_exr(path, {"first": first.image, "second": second.image}, {"spp": str(spp), KEY: json.dumps(key)})
-        reference = Reference(first.image, second.image, spp)
+            reference = Reference(first.image, second.image, spp)
+            reference.save(path, {KEY: json.dumps(key)})
     return reference
 
 
@@ -254,6 +259,7 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
     if not path.is_file():
         raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
     layers: dict[str, Array] = {}
+    attributes: dict[str, str] = {}
     if path.suffix == ".npy":
         try:  # no pickles, no memory for a wrong header
             layers["RGB"] = np.lib.format.open_memmap(path, mode="r")
@@ -271,4 +277,4 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
             what = "an image of three channels, or halves first and second, of finite numbers"
             raise ValueError(f"reference {path} must hold {what}")
     assert first is not None and second is not None
-    return Reference(np.array(first), np.array(second), 0)
+    return Reference(np.array(first), np.array(second), int(attributes.get("spp", 0)))

@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import math
+import os
 import re
 import warnings
 import zlib
@@ -28,7 +29,7 @@ from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mse, relmse, share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import Reference, crop_area
+from dmis.experiment.reference import Reference, crop_area, load_reference
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import filled_settings
@@ -43,6 +44,8 @@ COLUMNS = (
     "mse", "relmse", "mse_over_balance", "mse_error", "cpu_seconds",
     "mean_z", "mse_over_pinned", "relmse_over_balance", "relmse_over_pinned",
 )  # fmt: skip
+REFERENCE = Path("images", "reference.exr")
+"""The reference in the folder of a comparison."""
 FEW_LIMIT = 0.5
 """Share of the MSE in 1 % of the pixels, above which a comparison says that few pixels decide it."""
 
@@ -115,13 +118,15 @@ class Results:
             window = reference.cropped(self._area)
             self._least |= {"mse": mse(window.mean, window), "relmse": relmse(window.mean, window)}
         self.about = {**about, "rules": {rule: _rule_hash(rule) for rule in rules}}
-        folder.mkdir(parents=True, exist_ok=True)
+        (folder / REFERENCE).parent.mkdir(parents=True, exist_ok=True)
         self.runs = self._read() if self._path.exists() else []
         lines = [_line(COLUMNS), *map(self._row, self.runs)]
         files = {"comparison.json": json.dumps(self.about, indent=2) + "\n", "results.csv": "".join(lines)}
         for name, text in files.items():
             with replacing(folder / name) as partial:
                 partial.write_text(text, "utf-8", newline="")
+        if reference is not None:
+            reference.save(folder / REFERENCE)
 
     def append(self, run: Run, result: Result | None = None) -> None:
         """Add and write a row, and the image of a budget's first render.
@@ -138,11 +143,7 @@ class Results:
 
     def image(self, budget: Budget) -> Path:
         """Return the path of the image of a budget."""
-        rule, spp = budget
-        name = re.sub(r"[^A-Za-z0-9.=-]+", "-", rule)
-        if name != rule.replace(":", "-").replace(",", "-") or len(name) > 120:  # another rule may have the same name
-            name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
-        return self.folder / "images" / f"{name}-{spp}spp.exr"
+        return image_path(self.folder, budget)
 
     def layers(
         self, budgets: Iterable[Budget], reference: Reference, again: Callable[[Turn], tuple[Result, float]]
@@ -179,17 +180,9 @@ class Results:
         """Return the runs that ``results.csv`` has, without a last line that an interruption has cut."""
         if self._path.stat().st_size:
             self._compare_conditions()
-        line, runs = 1, []
-        try:
-            text = self._path.read_text("utf-8")
-            for line, row in enumerate(csv.reader(text.splitlines(keepends=True)), 1):
-                if line == 1 and tuple(row) != COLUMNS:
-                    raise ValueError(f"its columns must be {','.join(COLUMNS)}")
-                if line > 1 and text.count("\n") >= line:  # the last line may be cut
-                    runs.append(_run(row, self._least))
-        except (ValueError, csv.Error) as error:
-            raise self._refuse(f"cannot be read in line {line} ({error})") from error
-        runs = list(run_by_key(runs).values())  # one of rows that two processes have written
+        runs = list(
+            run_by_key(read_runs(self._path, self._least)).values()
+        )  # one of rows that two processes have written
         pinned, balance = ({(r.spp, r.seed) for r in runs if r.rule == rule} for rule in (PINNED, "balance"))
         return [r for r in runs if r.rule == PINNED or (r.spp, r.seed) in pinned & balance]
 
@@ -198,22 +191,50 @@ class Results:
         try:
             before = dict(json.loads((self.folder / "comparison.json").read_text("utf-8")))
         except (OSError, ValueError, TypeError) as error:
-            raise self._refuse("has no readable comparison.json with the conditions of its measurement") from error
+            raise refusal(
+                self._path, "has no readable comparison.json with the conditions of its measurement"
+            ) from error
         rules = before.get("rules", {})
         if changed := [name for name, now in self.about["rules"].items() if rules.get(name, now) != now]:
-            raise self._refuse(
+            raise refusal(
+                self._path,
                 f"was measured with another rule {', '.join(changed)}: its options or its class changed, or its "
-                f"sampler or techniques"
+                f"sampler or techniques",
             )
         self.about["rules"] = rules | self.about["rules"]
         now = {name: value for name, value in self.about.items() if name != "rules"}
         differences = [f"{k} was {before.get(k)}, now is {v}" for k, v in now.items() if before.get(k) != v]
         if differences:
-            raise self._refuse(f"was measured under other conditions: {'; '.join(differences)}")
+            raise refusal(self._path, f"was measured under other conditions: {'; '.join(differences)}")
 
-    def _refuse(self, reason: str) -> ValueError:
-        """Return the error that refuses the table."""
-        return ValueError(f"{self._path} {reason}; remove it, or choose another directory")
+
+def refusal(path: Path, reason: str) -> ValueError:
+    """Return the error that refuses a table."""
+    return ValueError(f"{path} {reason}; remove it, or choose another directory")
+
+
+def read_runs(path: Path, least: Mapping[str, float]) -> list[Run]:
+    """Return the runs of a ``results.csv``; `least` has the least values of columns that may be negative."""
+    line, runs = 1, []
+    try:
+        text = path.read_text("utf-8")
+        for line, row in enumerate(csv.reader(text.splitlines(keepends=True)), 1):
+            if line == 1 and tuple(row) != COLUMNS:
+                raise ValueError(f"its columns must be {','.join(COLUMNS)}")
+            if line > 1 and text.count("\n") >= line:  # the last line may be cut
+                runs.append(_run(row, least))
+    except (ValueError, csv.Error) as error:
+        raise refusal(path, f"cannot be read in line {line} ({error})") from error
+    return runs
+
+
+def image_path(folder: Path, budget: Budget) -> Path:
+    """Return the path of the image of a budget in the folder of a comparison."""
+    rule, spp = budget
+    name = re.sub(r"[^A-Za-z0-9.=-]+", "-", rule)
+    if name != rule.replace(":", "-").replace(",", "-") or len(name) > 120:  # another rule may have the same name
+        name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
+    return folder / "images" / f"{name}-{spp}spp.exr"
 
 
 def _rule_hash(text: str) -> str:
@@ -304,3 +325,40 @@ class Comparison:
     def seeds(self) -> int:
         """Number of seeds."""
         return max(len(by_seed) for by_seed in self.runs.values())
+
+
+def read_comparison(folder: str | os.PathLike[str]) -> Comparison:
+    """Return the comparison that a folder of ``compare`` holds, as its files tell it: nothing is rendered.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none, or its reference or an image is missing.
+    ValueError
+        If a file is damaged.
+    """
+    folder = Path(folder)
+    path, reference = folder / "results.csv", folder / REFERENCE
+    again = "the command 'compare' that made the folder, run again, renders what is missing"
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{folder} has no results.csv: give a folder that dmis compare SCENE -o DIR has written"
+        )
+    try:
+        about = dict(json.loads((folder / "comparison.json").read_text("utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise ValueError(f"{folder / 'comparison.json'} cannot be read ({error}): {again}") from error
+    by_budget: dict[Budget, list[Run]] = {}
+    for run in run_by_key(read_runs(path, dict.fromkeys(("mse", "relmse", "mean_z"), -math.inf))).values():
+        by_budget.setdefault((run.rule, run.spp), []).append(run)
+    if missing := [file for file in (reference, *(image_path(folder, b) for b in by_budget)) if not file.is_file()]:
+        raise FileNotFoundError(f"there is no {missing[0]}: {again}")
+    # as `compare` has them: by samples, and the pinned baseline last
+    in_order = sorted(by_budget, key=lambda budget: (budget[1], budget[0] == PINNED))
+    runs = {budget: sorted(by_budget[budget], key=lambda run: run.seed) for budget in in_order}
+    seeds = {budget: [run.seed for run in of] for budget, of in runs.items()}
+    if unlike := [budget for budget, of in seeds.items() if of != seeds["balance", budget[1]]]:
+        rule, spp = unlike[0]
+        raise ValueError(f"{path} has other seeds of {rule} than of balance at {spp} samples per pixel: {again}")
+    pictures = {budget: read_exr(image_path(folder, budget))[0] for budget in runs}
+    return Comparison(about, runs, pictures, load_reference(reference), None)

@@ -73,7 +73,7 @@ def load_scene(
     resolution
         ``(width, height)`` in place of the file's or the camera's.
     camera
-        Or the name of a camera in the file. Default: the first one in the file, else `Camera.fit`, with `up`.
+        Or name or number of one in the file, as text. Default: the first one in the file, else `Camera.fit`, with `up`.
     lights
         Area lights get a visible surface, which blocks light and reflects none. Default: those of the file; if it has
         none and emits too little (`LEAST_LIT`), a sky and a lamp (`default_lights`). What the file emits stays.

@@ -125,9 +125,13 @@ def camera_of(
         number("fov", fov)
     if isinstance(camera, Camera):
         return camera, []
+    if isinstance(camera, str) and camera.isdigit() and camera not in model.cameras:
+        camera = dict(enumerate(model.cameras)).get(int(camera), camera)
     if camera is not None and camera not in model.cameras:
         names = ", ".join(map(repr, model.cameras)) or "none"
-        raise ValueError(f"camera must be a Camera or the name of one in {model.path}: {names}; got {camera!r}")
+        raise ValueError(
+            f"camera must be a Camera, or the name or number of one in {model.path}: {names}; got {camera!r}"
+        )
     if camera is not None or (model.cameras and up is None):
         camera = model.cameras[camera] if camera is not None else next(iter(model.cameras.values()))
         return replace(camera, fov=camera.fov if fov is None else fov), []

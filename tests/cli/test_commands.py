@@ -183,7 +183,7 @@ def test_bench_prints_a_table(scene, capsys):
         ("compare SCENE -o a --spp 8,x", "--spp: must be a whole number"),
         ("render SCENE -o a.exr --stats SCENE", "must differ from each other and from the scene"),
         ("render SCENE -o a.exr --checkpoint ./a.exr", "must differ from each other"),
-        ("render SCENE -o a.exr --samples 4", "unrecognized arguments: --samples 4"),
+        ("render SCENE -o a.exr --samples 4", "render has no --samples: write --spp N"),
         ("render SCENE", "-o"),
         ("", "COMMAND"),
     ],

@@ -93,7 +93,7 @@ def test_materials():
         (["--light", "no.hdr"], "no such image: no.hdr"),
         (["--light", "1 2"], "one number or three; got 2: '1 2'"),
         (["--light", "-1 0 0"], "not negative"),
-        (["--camera", "front"], "the name of one in .*: none; got 'front'"),
+        (["--camera", "front"], "the name or number of one in .*: none; got 'front'"),
         (["--look-at", *"000000"], "line of sight from eye to target must not be zero"),
         (["--fov", "200"], "fov must be between 0 and 180"),
         (["--exposure", "0"], "must be a number from 1e-30"),

@@ -60,7 +60,7 @@ def test_bad_rules(text, message):
         ({"spp": [0]}, r"spp must be a whole number of at least 1; got 0"),
         ({"seeds": 0}, r"seeds must be a whole number of at least 1, or a list of seeds; got 0"),
         ({"seeds": ["a"]}, r"a seed must be a whole number of at least 0; got 'a'"),
-        ({"reference": None}, r"reference must be a dmis\.Reference of 32x24 .*dmis\.make_reference.*; got NoneType"),
+        ({"reference": "r"}, r"reference must be a dmis\.Reference of 32x24 .*dmis\.make_reference.*; got str"),
         ({"techniques": "light"}, r"techniques must be names such as \('light', 'brdf'\); got 'light'"),
     ],
 )
@@ -188,3 +188,44 @@ def test_bad_input(tmp_path, capsys, monkeypatch, more, message):
     assert main(["compare", "teapot-area-light", "--resolution", "24x18", *more, "-o", "out"]) == 2
     error = capsys.readouterr().err
     assert message in error and len(error.splitlines()) == 1
+
+
+def test_compare_scenes(tmp_path, capsys):
+    """Several scenes have a folder each and one page; means over them; the same command renders nothing again."""
+    out = tmp_path / "out"
+    command = ["compare", "teapot-area-light", "cornell", "--rules", "fixed:1", "--spp", "4", "--seeds", "2", *SIZE]
+    assert main([*command, "-o", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "| fixed:1 |" in printed.partition("2 scenes")[2] and "pinned" not in printed.partition("2 scenes")[2]
+    rows = [(out / name / "results.csv").read_text() for name in ("teapot-area-light", "cornell")]
+    assert all(len(of.splitlines()) == 7 for of in rows)
+    page = (out / "report.html").read_text("utf-8")
+    assert page.count("<section") == 2 and "all, relMSE·CPU s" in page
+    assert main([*command, "-o", str(out), "--quiet"]) == 0 and not capsys.readouterr().out
+    assert rows == [(out / name / "results.csv").read_text() for name in ("teapot-area-light", "cornell")]
+    for words, message in (
+        (["cornell", "cornell"], "scenes must have different names"),
+        (["cornell", "tt", "--reference", "x.exr"], "--reference is of one scene; got 2"),
+        (["cornell", "nope"], "a scene must be"),
+    ):
+        assert main(["compare", *words, "-o", str(tmp_path / "bad")]) == 2
+        assert message in capsys.readouterr().err and not (tmp_path / "bad" / "cornell").exists()
+
+
+def test_compare_needs_a_scene_only(tmp_path, monkeypatch, box):
+    """Without more arguments it is the command with its defaults, in a folder of the scene's name."""
+    asked = {}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path))
+
+    def no_measure(scene, budgets, seeds, reference, **_):
+        asked.update(budgets=budgets, seeds=seeds, reference=reference)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dmis.experiment.compare.measure", no_measure)
+    monkeypatch.setattr("dmis.experiment.compare.make_reference", lambda *a, **_: dmis.make_reference(a[0], 4))
+    with pytest.raises(KeyboardInterrupt):
+        dmis.compare(box)
+    assert asked["budgets"] == [("pinned", 128), ("balance", 128), ("thesis", 128), ("auto", 128)]
+    assert asked["seeds"] == [0, 1, 2, 3, 4] and asked["reference"].spp == 4
+    assert (tmp_path / box.name / "comparison.json").is_file()

@@ -8,7 +8,7 @@ import pytest
 from helpers import run
 
 import dmis
-from dmis.experiment.convergence import error_times, gains, interpolate_log_log, line
+from dmis.experiment.convergence import error_times, gains, interpolate_log_log, line, over_scenes
 from dmis.experiment.runs import PINNED, measure
 
 
@@ -164,3 +164,22 @@ def test_errors_fall_as_they_must(box: dmis.Scene, tmp_path: Path) -> None:
     runs = measure(box, [("balance", n) for n in (4, 16, 64)], 8, reference, sampler="independent")
     x, mse = line(runs, "balance", "spp")
     assert np.polyfit(np.log(x), np.log(mse.mean(axis=0)) / 2, 1)[0] == pytest.approx(-0.5, abs=0.05)
+
+
+def test_geometric_means_over_scenes():
+    """Of ratios 1/2 and 2 it is 1; of n scenes the interval is narrower by the root of n; all must have the rule."""
+
+    def scene(factor: float, rules: tuple[str, ...], seeds: int = 4) -> dict:
+        rng = np.random.default_rng(7)
+        noise = np.exp(0.1 * rng.normal(size=seeds))
+        made = {("balance", 8): [run("balance", 8, k, 1, 1.0) for k in range(seeds)]}
+        made |= {(name, 8): [run(name, 8, k, 1, factor * x) for k, x in enumerate(noise)] for name in rules}
+        return {**made, (PINNED, 8): made["balance", 8]}
+
+    half, double = scene(0.5, ("a", "b")), scene(2.0, ("a",))
+    (only,) = over_scenes([half], "mse").keys() - {"b"}
+    assert only == "a"
+    one, both = over_scenes([scene(0.5, ("a",))], "mse")["a"], over_scenes([half, double], "mse")
+    assert both.keys() == {"a"}
+    assert both["a"].value == pytest.approx(2 * one.value, rel=1e-6)
+    assert np.log(both["a"].high / both["a"].low) == pytest.approx(np.log(one.high / one.low) / np.sqrt(2))

@@ -471,6 +471,7 @@ def test_cameras(tmp_path):
     np.testing.assert_allclose(depth, 4)
     assert x[1] > x[0] and y[2] < y[0]
     upright = file.load(tmp_path, camera="camera 1").camera
+    assert file.load(tmp_path, camera="1").camera.resolution == upright.resolution
     assert upright.resolution == (240, 480) and upright.fov == pytest.approx(np.degrees(2 * np.arctan(np.tan(0.5) / 2)))
     file.json["cameras"][1] = {"type": "orthographic", "orthographic": {"xmag": 1.5, "ymag": 3, "znear": 0, "zfar": 9}}
     flat = file.load(tmp_path, camera="camera 1").camera
@@ -478,7 +479,7 @@ def test_cameras(tmp_path):
     assert np.tan(np.radians(flat.fov / 2)) == pytest.approx(1.5)
     assert file.load(tmp_path, up="y").camera.resolution == (640, 480)
     assert "cameras of the file, the default first: front, camera 1" in file.load(tmp_path).describe()
-    with pytest.raises(ValueError, match=r"name of one in .*a\.glb: 'front', 'camera 1'; got 'back'"):
+    with pytest.raises(ValueError, match=r"name or number of one in .*a\.glb: 'front', 'camera 1'; got 'back'"):
         file.load(tmp_path, camera="back")
 
 

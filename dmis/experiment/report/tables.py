@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmis.experiment import alarm
-from dmis.experiment.convergence import MEASURES, Gain, Interval, gains, ratio_text
+from dmis.experiment.convergence import MEASURES, Gain, Interval, gains, over_scenes, ratio_text
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 
@@ -24,8 +24,9 @@ lowest ratio·CPU s of the table, if its interval is below 1. In equal time: err
 the rule's seconds, interpolated on its line; † where it is extrapolated as error ∝ 1 / seconds. Pinned: the balance
 heuristic with preset=thesis, which is one light and one BRDF sample and independent points, whatever the settings of
 the others."""
-OVERVIEW_NOTE = """relMSE over that of the balance heuristic in equal time, at the largest number of samples. Below 1 is
-better."""
+OVERVIEW_NOTE = """Scenes: relMSE over that of the balance heuristic in equal time, at the largest budget. All:
+geometric means over the scenes of error times CPU seconds over the balance heuristic's, with 95 % intervals over seeds.
+Below 1 is better."""
 RUNS_NOTE = f"""mean_z: mean of the image less that of the reference, in standard errors, of the channel where it is
 largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are not noise, and a paragraph above says why
 that may be. The other columns are explained in docs/report.md."""
@@ -95,8 +96,12 @@ def overview_table(comparisons: Sequence[Comparison]) -> str:
     ratios = {
         rule: [ratio_text(of[rule].relmse.equal_time) if rule in of else "–" for of in by_scene] for rule in rules
     }
-    rows = [[_rule(rule), *of_scenes] for rule, of_scenes in ratios.items()]
-    head = ["rule", *(escaped(c.scene) for c in comparisons)]
+    means = {name: over_scenes([c.runs for c in comparisons], name) for name in MEASURES}
+    rows = []
+    for rule, of_scenes in ratios.items():
+        of_all = [interval_text(of[rule]) if rule in of else "–" for of in means.values()]
+        rows.append([_rule(rule), *of_scenes, *of_all])
+    head = ["rule", *(escaped(c.scene) for c in comparisons), *(f"all, {name}·CPU s" for name in MEASURES.values())]
     return f'<h2>Overview</h2>{html_table(head, rows, "overview")}<p class="note">{OVERVIEW_NOTE}</p>'
 
 

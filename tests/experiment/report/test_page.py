@@ -192,7 +192,8 @@ def test_several_scenes(made, tmp_path):
     assert text.count("<section ") == 2 and text.count('class="viewer"') == 2 and "Two &amp; more" in text
     assert "a &lt;b&gt; &amp; c" in text and "a <b> & c</h2>" not in text
     overview = Tables(text).tables["overview"]
-    assert overview[0] == ["rule", "box", "a <b> & c"] and [row[0] for row in overview[1:]] == ALL
+    assert overview[0] == ["rule", "box", "a <b> & c", "all, relMSE·CPU s", "all, MSE·CPU s"]
+    assert [row[0] for row in overview[1:]] == ALL
     times = {g.rule: g.relmse.equal_time for g in gains(comparison.runs) if g.spp == 16}
     assert [row[1] for row in overview[1:]] == [ratio_text(times[rule]) for rule in ALL]
     names = re.findall(r'\sid="([^"]*)"', text)

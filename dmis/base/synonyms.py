@@ -1,0 +1,63 @@
+"""What people guess, and what to write: names of other libraries and renderers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from dmis.base.validate import did_you_mean
+
+COMMAND_LINE = {
+    "list": "info --scenes, or info --rules",
+    "scenes": "info --scenes",
+    "rules": "info --rules",
+    "show": "render SCENE -o OUT.png",
+    "view": "render SCENE -o OUT.png",
+    "reference": "compare SCENE -o DIR, which renders one and keeps it",
+    "--time": "--seconds S",
+    "--samples": "--spp N",
+    "--size": "--resolution WxH",
+    "--heuristic": "--rule fixed:0.5,combiner=power",
+    "--mis": "--rule fixed:0.5,combiner=power; --rule fixed:1 is light samples alone",
+    "--depth": "--max-depth N",
+    "--jobs": "--threads N",
+    "--resume": "--checkpoint DIR with render; compare resumes by itself, when the same command runs again",
+    "--format": "-o FILE, whose extension tells the format",
+    "--list-rules": "info --rules",
+}
+"""Commands and options that dmis does not have, and what to write."""
+NAMES = {
+    "BRDF": "dmis.Material, or a model such as dmis.ggx(...)",
+    "BSDF": "dmis.Material, or a model such as dmis.ggx(...)",
+    "Light": "dmis.QuadLight, DiskLight, SphereLight, MeshLight, EnvironmentLight or PointLight",
+    "Renderer": "dmis.render(scene, rule, spp)",
+    "Sampler": 'dmis.render(scene, sampler="sobol"); dmis.register_sampler adds one',
+    "balance_heuristic": 'dmis.render(scene, "balance")',
+    "power_heuristic": 'dmis.render(scene, "fixed:0.5,combiner=power")',
+    "list_rules": "list(dmis.fit.registry.RULES)",
+    "list_scenes": "dmis.SHIPPED",
+    "load": "dmis.load_scene(path), dmis.load_mesh(path) or dmis.load_image(path)",
+    "load_exr": "dmis.read_exr(path)",
+    "psnr": "dmis.mse(image, reference)",
+    "rmse": "dmis.mse(image, reference) ** 0.5",
+    "render_reference": "dmis.make_reference(scene, spp)",
+    "save_exr": "dmis.write_exr(path, image)",
+    "save_image": "dmis.write_image(path, result)",
+    "scenes": "dmis.SHIPPED",
+    "tonemap": "dmis.image.tonemap(image)",
+}
+"""Attributes that ``dmis`` does not have, and what to write."""
+
+
+def advice(word: str, written: dict[str, str], names: Iterable[str]) -> str:
+    """Return the end of a message about an unknown word: what to write in its place; empty if that is not known.
+
+    Parameters
+    ----------
+    written
+        `COMMAND_LINE` or `NAMES`.
+    names
+        Words that exist, the likeliest of which is named for others.
+    """
+    if word in written:
+        return f": write {written[word]}"
+    return did_you_mean(word, names, 0.7)

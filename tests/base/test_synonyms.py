@@ -1,0 +1,52 @@
+"""What to write in place of a guess: everything that is named exists."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import dmis
+from dmis.base.synonyms import COMMAND_LINE, NAMES
+from dmis.cli.arguments import COMMANDS
+from dmis.cli.commands import main
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_that_are_written_instead_exist(name: str) -> None:
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}': write ") as raised:
+        getattr(dmis, name)
+    named = re.findall(r"dmis\.([\w.]+)", str(raised.value))
+    assert named
+    for path in named:
+        found = dmis
+        for part in path.split("."):
+            found = getattr(found, part)
+
+
+@pytest.mark.parametrize("word", COMMAND_LINE)
+def test_words_that_are_written_instead_exist(word: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A command or option that does not exist ends with one that does."""
+    arguments = ["render", "tt", "-o", "x.exr", word, "1"] if word.startswith("-") else [word]
+    with pytest.raises(SystemExit):
+        main(arguments)
+    advice = capsys.readouterr().err.partition(": write ")[2]
+    options = {option for _, of in COMMANDS.values() for names in of for option in names.split()}
+    options |= {"--plugin"}
+    assert advice and word not in COMMANDS and word not in COMMANDS["render"][1]
+    assert set(re.findall(r"--[\w-]+", advice)) <= options | {"--help"}
+    first = advice.split()[0].rstrip(",")
+    assert first in COMMANDS or first in options
+
+
+def test_other_words_get_a_suggestion_or_none(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in (
+        (["rendr"], "there is no command rendr, did you mean 'render'?"),
+        (["compare", "tt", "-o", "x", "--seed-count=4"], "compare has no --seed-count"),
+        (["render", "tt", "-o", "x.exr", "--shading_samples", "4"], "did you mean '--shading-samples'?"),
+    ):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        assert message in capsys.readouterr().err
+    with pytest.raises(AttributeError, match=r"no attribute 'nonsense'$"):
+        dmis.nonsense  # noqa: B018

@@ -1,0 +1,176 @@
+"""Figures and tables of a comparison for a paper, from its folder alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.cli.commands import main
+from dmis.experiment.convergence import gains
+from dmis.experiment.metrics import flip, relative_error
+from dmis.experiment.report.paper_table import paper_table
+from dmis.experiment.runs import PINNED
+from dmis.experiment.table import Comparison, read_comparison
+
+pytest.importorskip("matplotlib")
+from dmis.experiment.report import figure
+
+
+def test_a_folder_tells_its_comparison(made: tuple[Comparison, Path]) -> None:
+    """What is read has the numbers, images and reference of what was measured."""
+    comparison, folder = made
+    read = read_comparison(folder)
+    assert read.runs.keys() == comparison.runs.keys() and read.about == comparison.about
+    for mine, theirs in zip(gains(read.runs), gains(comparison.runs), strict=True):
+        assert mine.rule == theirs.rule and mine.relmse.error == pytest.approx(theirs.relmse.error, rel=1e-4)
+    assert all(np.array_equal(read.pictures[b]["RGB"], comparison.pictures[b]["RGB"]) for b in comparison.runs)
+    assert read.reference.spp == 64
+    np.testing.assert_array_equal(read.reference.second, comparison.reference.second)
+
+
+@pytest.mark.parametrize("gone", ["results.csv", "comparison.json", "images/reference.exr", "images/pbrt-8spp.exr"])
+def test_a_folder_that_lacks_a_file_is_refused(made: tuple[Comparison, Path], tmp_path: Path, gone: str) -> None:
+    for path in made[1].rglob("*"):
+        target = tmp_path / path.relative_to(made[1])
+        if path.is_file() and path.suffix in (".csv", ".json", ".exr"):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(path.read_bytes())
+    (tmp_path / gone).unlink()
+    with pytest.raises((ValueError, FileNotFoundError), match=Path(gone).name):
+        read_comparison(tmp_path)
+
+
+def test_crops_are_where_rules_differ() -> None:
+    """One rule is noisy in two places that do not touch; what both rules have counts nothing, nor does one pixel."""
+    rng = np.random.default_rng(1)
+    one = rng.uniform(0, 1, (60, 90))
+    one[5:15, 60:75] += 30
+    other = one.copy()
+    other[40:50, 10:25] += 9
+    other[20:30, 70:85] += 5
+    other[50, 80] = 1e6
+    (first, second) = figure.automatic_crops([one, other])
+    for (top, bottom), (left, right) in (first, second):
+        assert 0 <= top < bottom <= 60 and 0 <= left < right <= 90 and (bottom - top, right - left) == (10, 15)
+    assert abs(first[0][0] - 40) <= 2 and abs(first[1][0] - 10) <= 2
+    assert abs(second[0][0] - 20) <= 2 and abs(second[1][0] - 70) <= 2
+
+
+def test_small_images_have_crops_that_do_not_touch() -> None:
+    windows = figure.automatic_crops([np.ones((9, 9)), np.zeros((9, 9))])
+    assert windows == [((0, 8), (0, 8))]
+
+
+@pytest.mark.parametrize(("width", "errors"), [(7.0, False), (3.33, True)])
+def test_panels_do_not_overlap(made: tuple[Comparison, Path], width: float, errors: bool) -> None:
+    """Each panel lies in the figure and beside the others, its pixels are square, and texts stay inside."""
+    comparison, _ = made
+    shown = figure.contestants(comparison)
+    assert [of.rule for of in shown] == ["balance", "pbrt", "thesis:patch=4", "second-moment"]
+    windows = figure.automatic_crops([of.errors for of in shown])
+    drawn = figure.draw(comparison, shown, windows, width=width, errors=errors)
+    boxes = [axis.get_window_extent() for axis in drawn.axes]
+    rows = len(windows)
+    assert len(boxes) == 1 + rows * (len(shown) + 1) + rows * len(shown) * errors
+    for k, a in enumerate(boxes):
+        assert a.x0 > -1e-6 and a.x1 < drawn.bbox.x1 + 1e-6 and a.y0 > -1e-6 and a.y1 < drawn.bbox.y1 + 1e-6
+        assert not any(a.x0 < b.x1 - 1 and b.x0 < a.x1 - 1 and a.y0 < b.y1 - 1 and b.y0 < a.y1 - 1 for b in boxes[:k])
+        height, columns = drawn.axes[k].images[0].get_array().shape[:2]
+        assert (a.width / columns) == pytest.approx(a.height / height, rel=1e-6)
+    texts = [text.get_window_extent() for text in drawn.texts]
+    assert all(text.get_fontsize() >= 7 for text in drawn.texts)
+    assert all(t.x0 > -1 and t.x1 < drawn.bbox.x1 + 1 and t.y0 > -1 and t.y1 < drawn.bbox.y1 + 1 for t in texts)
+
+
+def test_texts_have_the_numbers_of_the_table(made: tuple[Comparison, Path]) -> None:
+    comparison, _ = made
+    gain = next(g for g in gains(comparison.runs) if (g.rule, g.spp) == ("pbrt", 16))
+    (_, of, *_) = figure.contestants(comparison, ["balance", "pbrt"], "mse")
+    value, low, high = gain.mse.over_balance
+    error = f"{gain.mse.error:.2e}".replace("e-0", "e-")
+    assert of.lines == (f"MSE {error}", f"{value:.2f}×", f"({low:.2f}–{high:.2f})", f"{gain.seconds:.3g} s")
+    with pytest.raises(ValueError, match=r"among those of the comparison.*got 'pbr', did you mean 'pbrt'"):
+        figure.contestants(comparison, ["pbr"])
+
+
+def test_tables_are_bold_where_the_interval_allows(made: tuple[Comparison, Path]) -> None:
+    """Bold are the ratios whose whole interval is below 1, and no others; CSV has all digits."""
+    comparison, _ = made
+    rows = [g for g in gains(comparison.runs) if g.rule != PINNED]
+    ratios = [r for g in rows for r in (g.relmse.over_balance, g.mse.over_balance, g.relmse.error_time)]
+    wins = sum(r.high < 1 for r in ratios)
+    latex, markdown, numbers = (paper_table(comparison, style) for style in (".tex", ".md", ".csv"))
+    assert latex.count(r"\textbf") == wins and markdown.count("**") == 2 * wins and wins < len(ratios)
+    assert latex.count(r"\midrule") == 2 and r"\toprule" in latex and "thesis:patch=4" in latex
+    assert len(numbers.splitlines()) == 1 + len(rows) == len(markdown.splitlines()) - 1
+    head, *cells = (line.split(",") for line in numbers.splitlines())
+    low = float(cells[1][head.index("relmse_over_balance_low")])
+    assert low == pytest.approx(rows[1].relmse.over_balance.low, rel=1e-4)
+
+
+def test_commands(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two commands make a figure with two crops and a table; what cannot be drawn is named."""
+    folder = str(made[1])
+    for name in ("f.pdf", "f.png", "f.html"):
+        assert main(["figure", folder, "-o", str(tmp_path / name), "--rules", "pbrt,balance", "--errors"]) == 0
+    said = capsys.readouterr().out
+    assert "--crops" in said and (tmp_path / "f.pdf").read_bytes().startswith(b"%PDF")
+    assert main(["table", folder, "-o", str(tmp_path / "t.tex")]) == 0
+    crops = ["--crops", "0,0,8,8", "9,9,8,8"]
+    assert main(["figure", folder, "-o", str(tmp_path / "g.png"), *crops, "--metric", "mse"]) == 0
+    for more, message in (
+        (["--crops", "0,0,8"], "--crops must be auto, or windows x,y,w,h"),
+        (["--crops", "0,0,8,8", "9,9,9,8"], "crops of a figure must have one size; got 8x8, 9x8"),
+        (["--crops", "0,0,800,8"], "crop must be"),
+        (["--width", "99"], "width of a figure must be from 2 to 20 inches; got 99"),
+    ):
+        assert main(["figure", folder, "-o", str(tmp_path / "x.png"), *more]) == 2
+        assert message in capsys.readouterr().err
+    assert main(["figure", folder, "-o", str(tmp_path / "x.svg")]) == 2
+    assert "extension of a figure must be .pdf or .png or .html; got '.svg'" in capsys.readouterr().err
+
+
+def test_diff(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It prints what the library computes; images of two sizes are refused."""
+    comparison, folder = made
+    image, truth = folder / "images" / "pbrt-8spp.exr", folder / "images" / "reference.exr"
+    assert main(["diff", str(image), str(truth), "-o", str(tmp_path / "d.png")]) == 0
+    words = capsys.readouterr().out.split()
+    pixels = comparison.pictures["pbrt", 8]["RGB"]
+    assert float(words[1]) == pytest.approx(dmis.mse(pixels, comparison.reference), rel=1e-4)
+    assert float(words[3]) == pytest.approx(relative_error(pixels, comparison.reference).mean(), rel=1e-4)
+    small = tmp_path / "small.exr"
+    dmis.write_exr(small, pixels[:4, :5])
+    assert main(["diff", str(small), str(truth)]) == 2
+    assert "images must have one size; got 5x4 and" in capsys.readouterr().err
+
+
+def test_flip() -> None:
+    """0 for an image itself, more for more noise, and 1 at most."""
+    pytest.importorskip("flip_evaluator", reason="needs flip-evaluator")
+    rng = np.random.default_rng(2)
+    image = rng.uniform(0, 1, (32, 40, 3)).astype(np.float32)
+    noisy, noisier = (image + s * rng.normal(size=image.shape).astype(np.float32) for s in (0.05, 0.3))
+    assert flip(image, image).max() == 0
+    assert 0 < flip(noisy, image).mean() < flip(noisier, dmis.Reference(image, image, 1)).mean() <= 1
+
+
+def test_flip_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "flip_evaluator", None)
+    with pytest.raises(ImportError, match=r"pip install 'dmis\[flip\]'"):
+        flip(np.ones((4, 4, 3)), np.ones((4, 4, 3)))
+
+
+def test_images_of_bright_pixels_have_errors_of_their_own(made: tuple[Comparison, Path]) -> None:
+    """The map of an image whose error is planted in one pixel has it there alone, whatever the measure."""
+    comparison, _ = made
+    truth = comparison.reference.mean.astype(np.float32)
+    exact = replace(comparison.reference, first=truth, second=truth)
+    image = truth.copy()
+    image[3, 5] += 1
+    for metric in ("mse", "relmse"):
+        assert np.argwhere(figure.error_map(image, exact, metric) > 0).tolist() == [[3, 5]]
