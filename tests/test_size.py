@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 31_400, "tests": 30_900}
+LINES = {"dmis": 31_450, "tests": 30_900}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
 WORDS = 51_450
 """Words of the pages, tables included."""

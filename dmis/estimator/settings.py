@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
 
+from dmis.base.synonyms import KEYWORDS
 from dmis.base.validate import did_you_mean, one_of, whole
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.presets import PRESETS
@@ -247,8 +248,8 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
         raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
     names = [field.name for field in fields(Settings)]
     if unknown := [name for name in options if name not in names]:
-        is_parallel = {"threads", "workers", "executor"} & set(unknown)
-        hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)
+        written = [f"{KEYWORDS[name]} for {name}" for name in unknown if name in KEYWORDS]
+        hint = f". Write {', '.join(written)}" if written else did_you_mean(unknown[-1], names)
         raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
     preset = options.get("preset")
     if preset is not None and settings is not None and settings.preset != preset:

@@ -162,11 +162,11 @@ def explain(
 
     A ValueError if the pixel is not in the image, or the settings do not suit a rule that learns from variances.
     """
+    settings = make_settings(settings, **options)
+    resolve(scene, "second-moment", None, seed, settings)  # refuses what curves cannot be learned from
     (x, y), (width, height) = pair("pixel", pixel, whole), scene.camera.resolution
     if not (0 <= x < width and 0 <= y < height):
         raise ValueError(f"pixel must be (column, row), from (0, 0) to {width - 1, height - 1}; got {x, y}")
-    settings = make_settings(settings, **options)
-    resolve(scene, "second-moment", None, seed, settings)  # refuses what curves cannot be learned from
     job = resolve(scene.crop((y, y + 1), (x, x + 1)), Fixed(0.5), whole("spp", spp, 2), seed, settings).alone
     recorder = _Recorder(1, 2 * job.settings.shading_samples)
     for tile in make_tiles((1, 1), seed, 0, job.budget.pilot(0.5, 2 * spp, lambda *_: recorder)):

@@ -57,7 +57,7 @@ class Job:
     settings
         Estimator settings of the final pass.
     notes
-        Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``), how ``window``s are.
+        Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``), how a ``window`` is.
     window
         The part of the image of `scene` that is rendered, see `dmis.pipeline.window`; None: all of it.
     layers

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import re
+from dataclasses import fields
 
 import pytest
 
 import dmis
-from dmis.base.synonyms import COMMAND_LINE, NAMES
+from dmis.base.synonyms import COMMAND_LINE, KEYWORDS, NAMES
 from dmis.cli.arguments import COMMANDS
 from dmis.cli.commands import main
 
@@ -37,6 +39,17 @@ def test_words_that_are_written_instead_exist(word: str, capsys: pytest.CaptureF
     assert set(re.findall(r"--[\w-]+", advice)) <= options | {"--help"}
     first = advice.split()[0].rstrip(",")
     assert first in COMMANDS or first in options
+
+
+@pytest.mark.parametrize("name", KEYWORDS)
+def test_arguments_are_told_apart_from_settings(name: str, box: dmis.Scene) -> None:
+    """What is written in place of an argument is one of `render`, of `compare`, or a call."""
+    with pytest.raises(ValueError, match=f"got {name}. Write .* for {name}$"):
+        dmis.render(box, "balance", 4, **{name: 3})
+    arguments = {*inspect.signature(dmis.render).parameters, *inspect.signature(dmis.compare).parameters}
+    arguments |= {field.name for field in fields(dmis.Settings)}
+    named = re.findall(r"(?:^|, )(\w+)=", KEYWORDS[name])
+    assert set(named) <= arguments or "(" in KEYWORDS[name]
 
 
 def test_other_words_get_a_suggestion_or_none(capsys: pytest.CaptureFixture[str]) -> None:
