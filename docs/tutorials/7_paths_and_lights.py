@@ -146,9 +146,9 @@ for name, table in (("right", right), ("forgets q", wrong)):
     print(f"{name:9}: light {means[0]}, BRDF {means[1]}, balance {means[2]}")
 
 # %%
-# Each technique alone is right in both renderers, because neither divides by the other
-# one's density. Only their mixture is too dark: nothing looks wrong but the brightness.
-# The doctor needs nothing but the samples:
+# Up to noise each technique alone is right in both renderers, because neither divides
+# by the other one's density. Only their mixture is too dark: nothing looks wrong but
+# the brightness. The doctor needs nothing but the samples:
 print(dmis.doctor(right).text(), "\n")
 print(dmis.doctor(wrong).text())
 
