@@ -151,7 +151,7 @@ def page_orders(large: Mapping[str, Score], small: Mapping[str, Score], names: S
 
 
 def _order(first: Score, second: Score, scene: str) -> int:
-    """Return -1 if the first rule has surely less absolute error, 1 if it has more, 0 if that is not sure."""
+    """Return -1 or 1 if the interval of the absolute error over the other rule's is below or above 1, else 0."""
     ratio = np.log(first.values[scene][:, 0] / second.values[scene][:, 0])
     mean, half = interval(ratio, first.blocks)
     return int(np.sign(mean)) if abs(mean) > max(half, 1e-3) else 0

@@ -28,9 +28,9 @@ LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
 LONGEST_MODULE = 430
 """Lines of a module of the package."""
-LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 235}
+LONGEST_MODULES = {"pipeline/render.py": 106, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 235}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 2160), "auto": (47, 2940)}
+RENDERS = {"thesis": (36, 2170), "auto": (47, 2950)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 TOKENS, JOINED = 12.13, 20.0
 """Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""

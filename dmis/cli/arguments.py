@@ -18,6 +18,7 @@ from dmis.base.text import printable
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import SCENES as BENCH_SCENES
 from dmis.experiment.bench.judge import STYLES
+from dmis.experiment.convergence import METRICS
 from dmis.fit.registry import RULES
 from dmis.fit.round import WEIGH
 from dmis.image import MAX_SIDE
@@ -157,7 +158,6 @@ RULES_HELP = f"""weight rule: {", ".join(RULES)}; with options: thesis:patch=8,f
 fewer than 16 samples per pixel)"""
 OUTPUT = "-o --output"
 FOLDER: dict[str, Any] = {"parse": Path, "required": True, "metavar": "DIR"}
-METRICS = ("relmse", "mse", "flip")
 COMMANDS: Mapping[str, tuple[str, Options]] = {
     "render": ("render a scene to an EXR file with layers", {
         **SCENE,
@@ -209,7 +209,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
             "windows x,y,w,h in pixels, of one size (default auto: two, where the rules differ most)", str,
             nargs="+", metavar="auto|x,y,w,h",
         ),
-        "--metric": _option("error below each rule (default %(default)s)", str, "relmse", choices=METRICS),
+        "--metric": _option("error below each rule (default %(default)s)", str, "relmse", choices=tuple(METRICS)),
         "--exposure": _option("factor of the images (default 1)", POSITIVE, 1.0, metavar="X"),
         "--width": _option("inches: 7 for a page (default), 3.33 for a column", POSITIVE, 7.0, metavar="IN"),
         "--errors": _flag("also draw maps of errors, on one scale"),
@@ -221,7 +221,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
     "diff": ("say how far an image is from another: MSE, relMSE, FLIP", {
         "image": _option("EXR or .npy file", Path, metavar="A.exr"),
         "reference": _option("EXR or .npy file that it is measured against", Path, metavar="B.exr"),
-        "--metric": _option("of the map (default %(default)s)", str, "relmse", choices=METRICS),
+        "--metric": _option("of the map (default %(default)s)", str, "relmse", choices=tuple(METRICS)),
         OUTPUT: _option("also draw a map of the errors", Path, metavar="MAP.png"),
     }),
     "oracle": ("compute what the best weights and numbers of samples of a scene would save", {

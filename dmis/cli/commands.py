@@ -113,7 +113,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> Comparison:
-    """Compare rules on one scene, in a folder of its own, and return the comparison."""
+    """Compare the rules on a scene, write the results into the folder `output`, and return the comparison."""
     rules = parse_rules(options.rules)
     spp = options.spp or [spp_of(options, scene)]
     settings = settings_of(options, scene)

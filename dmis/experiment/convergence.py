@@ -18,6 +18,8 @@ Measure = Literal["relmse", "mse"]
 """Measure of error, a field of `dmis.experiment.runs.Run`."""
 MEASURES: dict[Measure, str] = {"relmse": "relMSE", "mse": "MSE"}
 """Names of the measures in tables; "error" alone is the first."""
+METRICS = {**{str(name): title for name, title in MEASURES.items()}, "flip": "FLIP"}
+"""Measures of an image beside its reference, and their names."""
 
 
 class Interval(NamedTuple):
@@ -174,8 +176,8 @@ def _intervals(value: Array, error: Array, degrees: int) -> list[Interval]:
 def over_scenes(scenes: Sequence[Mapping[Budget, Sequence[Run]]], measure: Measure = "relmse") -> dict[str, Interval]:
     """Return by rule the geometric mean over scenes of error times CPU seconds over that of the balance heuristic.
 
-    Of the rules that all scenes have at their largest budgets. Intervals are of the seeds: the scenes are those that
-    were chosen, and other scenes may have other ratios.
+    Each scene counts at its largest budget; a rule that one of them lacks there is left out. Intervals are of seeds,
+    not of scenes: other scenes may have other ratios.
 
     Parameters
     ----------

@@ -160,7 +160,10 @@ def explain(
     seed, settings, options
         See `dmis.pipeline.render.render`.
 
-    A ValueError if the pixel is not in the image, or the settings do not suit a rule that learns from variances.
+    Raises
+    ------
+    ValueError
+        If the pixel is not in the image, or the settings do not suit a rule that learns from variances.
     """
     settings = make_settings(settings, **options)
     resolve(scene, "second-moment", None, seed, settings)  # refuses what curves cannot be learned from

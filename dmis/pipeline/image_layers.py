@@ -1,7 +1,7 @@
 """Layers of an image: what its pixels show, and parts of its light, from the records of the image's own samples.
 
 ``albedo``, ``normal``
-    Of what is seen first: means over `dmis.scene.feature_buffers.RAYS` squared rays per pixel.
+    Of the first surface: means over `dmis.scene.feature_buffers.RAYS` squared rays per pixel.
 ``depth``, ``position``, ``uv``, ``part``
     Distance, place, texture coordinates and number in `Scene.parts` of what is at the pixel's centre.
 ``direct``, ``indirect``
@@ -40,8 +40,8 @@ OF_LIGHT = ("direct", "indirect", "emission", "light", "technique", "unweighted"
 def with_layers(job: Job, names: Sequence[str]) -> Job:
     """Return the job with `Job.layers` that make the layers `names`.
 
-    A ValueError if a layer is unknown, or does not go with the rule. Layers of light need one number of samples for all
-    pixels, known beforehand, and make a window an image of its own.
+    A ValueError if a layer is unknown, or does not go with the rule. Layers of light need a number of samples that is
+    fixed and the same for all pixels; with them a window is rendered as an image of its own.
     """
     plan, settings = job.scene.plan, job.settings
     lights = [type(light).__name__ for light in plan.sampled_lights(settings.lights, settings.sky_compensation)]

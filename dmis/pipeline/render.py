@@ -52,18 +52,25 @@ def render(
         Double the samples until the image's estimated noise (root of relMSE) or its time is reached, at most to `spp`
         (None: 2^20), see `dmis.pipeline.stopping`.
     settings, options
-        Estimator settings, or fields of `dmis.Settings` by name; not other values than the rule's.
+        Estimator settings; or fields of `dmis.Settings` by name in their place, such as ``sampler="stratified"``. It is
+        an error to ask for another value than the rule's.
     parallel
-        Number of threads (None: one per processor), ``dmis.Processes(n)``, or a `concurrent.futures.Executor`.
+        Number of threads (None: one per processor); ``dmis.Processes(n)``; or any `concurrent.futures.Executor`, such
+        as Dask's ``Client.get_executor(pure=False)``, which is not shut down.
     progress
         True for a bar or a widget (extra ``progress``); or a `dmis.pipeline.progress.Progress`.
     checkpoint
-        Folder of finished tiles, from which a render resumes; processes may share it. `dmis.remove_checkpoint` ends it.
+        Folder of finished tiles, from which a render resumes. It stays, because the image is not written yet, until
+        `dmis.remove_checkpoint` removes it. Several processes may share it.
     layers
         Names of layers of the result, such as ``["albedo", "direct"]``, see `dmis.pipeline.image_layers`.
 
-    A ValueError if arguments are wrong or disagree, shares or pixels are invalid, or the checkpoint is of another
-    image; an OSError if it cannot be written; a ``ChildProcessError`` if workers keep dying.
+    Raises
+    ------
+    ValueError
+        If arguments are wrong or disagree, shares or pixels are invalid, or the checkpoint is of another image.
+    OSError
+        If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
     stop = None if noise is None and seconds is None else Stop(noise, seconds)
     job = resolve(scene, rule, spp, seed, make_settings(settings, **options), doubling=stop is not None)

@@ -28,8 +28,9 @@ MANY_LIGHTS = 128
 """Number of lights from which on they are sampled as one. At equal CPU time, relMSE is that of samples of each with
 about 90 lights by the balance heuristic, with 130 by ``auto`` (``benchmarks/many_lights.py``, seeds 2 to 6)."""
 DEEPER_LIGHTS = 4
-"""Number of area lights from which on a tree selects one of them where a path has scattered. Over samples of each light
-there, relMSE times CPU time is 1.15 with two halves of CORNELL's lamp, 1.06 with three thirds, 0.93 with four."""
+"""Number of area lights from which on a tree selects one of them where a path has scattered. relMSE times CPU time over
+samples of each light there is 0.70 on ``ten-lights``, 0.92 on ``veach-mis`` (docs/paths.md), and above 1 where
+CORNELL's lamp is cut in two or three."""
 MANY_TRIANGLES = 1000
 """Triangles of a mesh light from which on a tree over them costs no more than the shadow rays that it saves."""
 

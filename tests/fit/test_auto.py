@@ -271,6 +271,8 @@ def test_pilots_of_some_patches_judge_alike() -> None:
         assert other == pytest.approx(one, rel=0.02)
         one, other = (decide_one_pattern(of, error)[1] for of in (whole, some))
         assert other == pytest.approx(one, rel=0.02)
+    even = replace(some, sums={**some.sums, "position": seen * np.ones((4, 16, 16)), "curve": 0 * some.sums["curve"]})
+    assert error_of_numbers(even, "absolute", 1.2, 8) == pytest.approx(1, abs=1e-9)
 
 
 def test_lights_that_few_samples_see() -> None:

@@ -3,8 +3,8 @@
 A cause says that a column is `factor` times too large in some rows, or `factor` times a measure, such as cos/d^2 of a
 density per area. With the column divided by it, the misfit Q of `dmis.experiment.doctor.evidence` must be small. The
 factor is that of the least Q, which is chi-square with J - 1 degrees of freedom for the right cause; its 95 % interval
-is where Q exceeds its least value by less than 1.96^2. Causes are weighed by exp(-Q / 2). Those that give the same
-table, such as p_l and 1 / p_b times 2 in all rows, have equal weights.
+is where Q exceeds its least value by less than 1.96^2. The share of a cause is in proportion to exp(-Q / 2). Causes
+that give the same table, such as p_l times 2 and p_b times 1/2 in all rows, have equal shares.
 """
 
 from __future__ import annotations

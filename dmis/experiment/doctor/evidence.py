@@ -22,7 +22,7 @@ JOINT = 400_000
 LIGHT_ROWS = 6
 """Light samples kept for each BRDF sample: more would not make differences more certain."""
 LABELS_TOLD = 4
-"""Lights, lobes and depths that are told apart, those of the most rows."""
+"""Most lights, lobes or depths that have a mask of their own; those of the most rows have it."""
 
 
 @dataclass(frozen=True, eq=False)

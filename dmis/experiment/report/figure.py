@@ -1,7 +1,7 @@
 """Figure of a comparison for a paper: the image with frames, and crops of each rule beside those of the reference.
 
-Texts have 7 points at the width that is asked for. A PDF has them and the frames as vectors, and the pixels of the
-images as they are.
+The figure is drawn at the width that it has on the page, with a text of 7 points. In a PDF text and frames are vectors,
+and images have their own pixels.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dmis import plot
 from dmis.base.atomic_files import replacing
 from dmis.base.validate import did_you_mean, one_of
 from dmis.base.vectors import Array
-from dmis.experiment.convergence import Gain, gains
+from dmis.experiment.convergence import METRICS, Gain, gains
 from dmis.experiment.metrics import flip, relative_error, squared_error
 from dmis.experiment.reference import Reference, crop_area
 from dmis.experiment.report.comparer import show
@@ -29,8 +29,6 @@ from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
 from dmis.image import tonemap
 
-METRICS = {"relmse": "relMSE", "mse": "MSE", "flip": "FLIP"}
-"""Measures that a figure may give, and their names."""
 FRAMES = "#e8590c", "#1c7ed6", "#2f9e44", "#ae3ec9"
 """Colours of the frames of crops."""
 CROP = 1 / 6

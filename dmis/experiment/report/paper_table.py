@@ -19,9 +19,9 @@ TITLES = ("spp", "rule", "relMSE", "relMSE / balance", "MSE", "MSE / balance", "
 def paper_table(comparison: Comparison, style: str) -> str:
     """Return the table of a comparison in a style of `STYLES`, a row for each budget and rule.
 
-    Errors and their ratios to the balance heuristic at equal samples, then in equal CPU time, with 95 % intervals
-    corrected for the number of rules. A ratio is bold only if its whole interval is below 1. In CSV an interval has two
-    columns of its own.
+    Errors, their ratios to the balance heuristic at equal samples, and the ratio of error times CPU seconds, with 95 %
+    intervals corrected for the number of rules. A ratio is bold only if its whole interval is below 1. In CSV the ends
+    of an interval are columns.
 
     Parameters
     ----------
