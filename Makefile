@@ -11,7 +11,7 @@ FIGURES ?= thesis/ why_the_parabola_fails nets
 SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo figures report tables test test-slow bench bench-kernels check format docs clean
+.PHONY: help setup demo figures report publish tables test test-slow bench bench-kernels check format docs clean
 
 help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' Makefile
@@ -34,8 +34,11 @@ figures: $(READY)  ## draw the figures of the thesis for figures/index.html and 
 report: $(READY)  ## measure error against time on the four scenes, write figures/report.html (10 minutes)
 	$(BIN)/python examples/make_report.py --docs docs/report.md
 
-tables:  ## list the published tables, and those that are older than the modules that decide them
-	$(PYTHON) examples/table_ages.py
+publish: $(READY)  ## make tables and pictures of the pages that are older than what decides them (hours; continues)
+	$(BIN)/python benchmarks/publish.py
+
+tables: $(READY)  ## list the tables and pictures of the pages, and why some of them are old
+	$(BIN)/python benchmarks/publish.py --list
 
 test: $(READY)  ## run the tests (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal
@@ -53,7 +56,7 @@ check: $(READY)  ## lint, format, types and sizes, without changing a file
 	$(BIN)/python -m ruff check $(SOURCES)
 	$(BIN)/python -m ruff format --check $(SOURCES)
 	$(BIN)/python -m mypy
-	$(BIN)/python -m pytest -q tests/test_size.py
+	$(BIN)/python -m pytest -q tests/test_size.py tests/test_published.py
 
 format: $(READY)  ## rewrite the sources in the project's format
 	$(BIN)/python -m ruff check --fix $(SOURCES)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import table_ages
 
 from dmis.base.atomic_files import check_writable
 from dmis.examples import gallery
@@ -88,18 +87,15 @@ def machine() -> str:
 
 
 def replace_table(page: Path, kind: str, *lines: str) -> None:
-    """Put the lines between the page's two marks of this kind, at the end of the page if it has none; say where.
-
-    Behind them comes the line that `table_ages` reads: command, date, commit, and the paths that the old block named.
-    """
+    """Put the lines between the page's two marks of this kind, at the end of the page if it has none; say where."""
     begin, end = f"<!-- {kind}: begin -->", f"<!-- {kind}: end -->"
     text = page.read_text("utf-8") if page.exists() else ""
     if begin not in text:
         text += f"\n{begin}\n{end}\n"
     before, _, rest = text.partition(begin)
-    old, found, after = rest.partition(end)
+    _, found, after = rest.partition(end)
     if not found:
         raise ValueError(f"{page} has no {end} after {begin}")
     page.parent.mkdir(parents=True, exist_ok=True)
-    page.write_text("\n".join([before + begin, *lines, table_ages.marker(old), end + after]), "utf-8")
+    page.write_text("\n".join([before + begin, *lines, end + after]), "utf-8")
     print(page)

@@ -3,7 +3,7 @@
     python tests/pin_preset.py write       renders every configuration and writes tests/data/preset_thesis.npz
     python tests/pin_preset.py compare     renders again and prints what differs; exit code 1 if anything does
 
-Unlike the hashes of `freeze.py` these are in the repository, as means over blocks of 4x4 pixels with standard errors:
+Unlike the hashes of `frozen` these hold for all processors, as means over blocks of 4x4 pixels with standard errors:
 other processors round differently, which flips single shadow rays. `tests/estimator/test_presets.py` compares them.
 Write them anew only with a new configuration, or when the preset itself was wrong; the commit says which.
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -20,8 +21,8 @@ import count_lines  # noqa: E402
 
 LINES = {"dmis": 31_450, "tests": 30_900}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
-WORDS = 51_450
-"""Words of the pages, tables included."""
+WORDS = 44_000
+"""Words of the pages that a person writes: blocks that a script makes, and docs/published.md, aside."""
 LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
 LONGEST_FUNCTION = 60
@@ -64,8 +65,11 @@ def test_fields(of: type) -> None:
 
 def test_words_of_pages() -> None:
     pages = (ROOT / "docs").rglob("*.md")
-    written = [page for page in pages if not {"_build", "generated"} & set(page.parts)]
-    assert sum(len(page.read_text("utf-8").split()) for page in written) <= WORDS
+    written = [page for page in pages if not {"_build", "generated", "published.md"} & set(page.parts)]
+    texts = [
+        re.sub(r"<!-- ([^\n]+): begin -->.*?<!-- \1: end -->", "", p.read_text("utf-8"), flags=re.S) for p in written
+    ]
+    assert sum(len(text.split()) for text in texts) <= WORDS
 
 
 def test_docstrings_and_functions() -> None:

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-import freeze
+import frozen
 import numpy as np
 
 
 def test_there_are_two_dozen_configurations_and_every_scene_is_among_them() -> None:
-    table = freeze.configurations()
+    table = frozen.configurations()
     assert len(table) >= 24
-    assert {configuration["scene"] for configuration in table.values()} == {*freeze.SCENES, *freeze.FLAT}
+    assert {configuration["scene"] for configuration in table.values()} == {*frozen.SCENES, *frozen.FLAT}
 
 
 def test_a_changed_bit_is_found(tmp_path, monkeypatch, capsys) -> None:
-    name, configuration = next(iter(freeze.configurations().items()))
-    monkeypatch.setattr(freeze, "configurations", lambda: {name: configuration})
-    monkeypatch.setattr(freeze, "RESOLUTION", (8, 8))
+    name, configuration = next(iter(frozen.configurations().items()))
+    monkeypatch.setattr(frozen, "configurations", lambda: {name: configuration})
+    monkeypatch.setattr(frozen, "RESOLUTION", (8, 8))
     file = tmp_path / "before.npz"
-    assert freeze.main(["write", str(file)]) == 0
-    assert freeze.main(["compare", str(file)]) == 0
+    assert frozen.main(["write", str(file)]) == 0
+    assert frozen.main(["compare", str(file)]) == 0
     with np.load(file) as stored:
         arrays = dict(stored)
     image = arrays[f"{name}|image"]
     image[3, 4, 1] = np.nextafter(image[3, 4, 1], np.float32(np.inf))
     np.savez(file, **arrays)
     capsys.readouterr()
-    assert freeze.main(["compare", str(file)]) == 1
+    assert frozen.main(["compare", str(file)]) == 1
     assert "image: 1 of 192 entries differ, by at most 1 ulp" in capsys.readouterr().out

@@ -1,10 +1,11 @@
 """Freeze small images, share maps and sample maps before a refactoring, and compare them after it.
 
-    python tests/freeze.py write BEFORE.npz      renders every configuration, prints a hash of each, keeps the arrays
-    python tests/freeze.py compare BEFORE.npz    renders again and prints what differs; exit code 1 if anything does
+    python benchmarks/frozen.py write BEFORE.npz      renders every configuration, prints a hash, keeps the arrays
+    python benchmarks/frozen.py compare BEFORE.npz    renders again and prints what differs; exit code 1 if anything
 
-Both runs belong on one machine: other processors round differently. That is why no hash is stored in the repository.
-`tests/test_freeze.py` checks that every configuration still renders and that a changed bit is found.
+Both runs belong on one machine: other processors round differently, and by paths one shadow ray that is rounded to the
+other side shifts all random numbers after it. `publish` keeps hashes with the machine that they are of: a published
+table is old if renders of its rules and scenes have other hashes on the same machine.
 """
 
 from __future__ import annotations
@@ -130,7 +131,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(digest(found), name, *(f"\n    {line}" for line in lines), flush=True)
         arrays.update({f"{name}|{key}": array for key, array in found.items()})
     if frozen is None:
-        np.savez_compressed(options.file, **arrays)
+        np.savez_compressed(options.file, **arrays)  # type: ignore[arg-type]
         return 0
     print(f"{changed} of {len(configurations())} configurations changed")
     return int(changed > 0)

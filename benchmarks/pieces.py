@@ -1,0 +1,96 @@
+"""The pieces of what is published: every measured table and every picture of the pages, and the command that makes it.
+
+`publish` makes them, and tells which are older than the renders or the scripts that decide them. A script that measures
+writes rows to docs/tables; ``tables()`` in its module, or in one beside it, returns the lines of each block of a page
+from these rows alone, and ``sentences()`` the fragments of prose with numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FOUR = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt")
+"""Scenes of the thesis."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Tables and pictures that one command makes.
+
+    Attributes
+    ----------
+    name
+        What `publish` calls it.
+    command
+        Words behind ``python``, run from the root of the project; takes at most 40 minutes on two cores.
+    module
+        Module with ``tables()``, in benchmarks, examples or examples/thesis; empty for pictures.
+    blocks
+        Tables, as ``"measurements.md: steps"``: a page of docs, or README.md, and the name between the marks.
+    files
+        Files that the command writes, below docs: rows and pictures.
+    renders
+        Beginnings of the names of `frozen.configurations` that decide the result.
+    script
+        Script of a picture, whose code decides it, too.
+    """
+
+    name: str
+    command: str
+    module: str = ""
+    blocks: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    renders: tuple[str, ...] = ()
+    script: str = ""
+
+
+def renders_of(scenes: tuple[str, ...], *rules: str) -> tuple[str, ...]:
+    """Return the beginnings of names of renders of scenes by rules."""
+    return tuple(f"{scene} {rule}" for scene in scenes for rule in rules)
+
+
+def figure(script: str, *renders: str) -> Piece:
+    """Return the piece of a picture of the gallery, such as ``explained/plot_nets``."""
+    stem = script.partition("/")[2]
+    command = f"examples/make_figures.py --publish docs --only {stem}"
+    return Piece(stem, command, files=(f"figures/{stem}.webp",), renders=renders, script=f"examples/{script}.py")
+
+
+BY_BALANCE = renders_of(FOUR, "balance")
+BY_THESIS = (*BY_BALANCE, *renders_of(FOUR, "thesis"))
+BY_ALL = (*BY_THESIS, *renders_of(FOUR, "auto"))
+HELD_OUT = renders_of(("veach-mis", "ten-lights"), "balance", "auto")
+
+PIECES: tuple[Piece, ...] = (
+    # Figures of the thesis.
+    figure("thesis/plot_fig_2_1_variance", "teapot-area-light balance"),
+    figure("thesis/plot_eq_3_1_variance_is_mse", "killeroo-gold balance"),
+    figure("thesis/plot_fig_3_1_precomputation", "teapot-area-light balance"),
+    figure("thesis/plot_fig_3_2_mse_curve_teapot", "teapot-area-light balance"),
+    figure("thesis/plot_fig_3_3_mse_curve_killeroo_gold", "killeroo-gold balance"),
+    figure("thesis/plot_fig_3_4_weights", *BY_THESIS),
+    figure("thesis/plot_fig_3_5_filter", *BY_THESIS),
+    figure("thesis/plot_fig_4_1_scenes", *BY_BALANCE),
+    figure("thesis/plot_table_4_1", *BY_THESIS),
+    figure("thesis/plot_fig_5_1_limitation_tt", "tt balance", "tt thesis"),
+    # Figures that explain.
+    figure("explained/plot_1d_mixture"),
+    figure("explained/plot_1d_simplex"),
+    figure("explained/plot_brdf_zoo"),
+    figure("explained/plot_held_out_scenes", *HELD_OUT),
+    figure("explained/plot_learned_shares", *renders_of(FOUR[2:3], "auto", "thesis")),
+    figure("explained/plot_many_lights", "ten-lights balance"),
+    figure("explained/plot_models", "cornell balance"),
+    figure("explained/plot_nets"),
+    figure("explained/plot_path_vs_direct", *BY_BALANCE),
+    figure("explained/plot_rough_glass", "cornell balance"),
+    figure("explained/plot_scene_plan", *BY_BALANCE),
+    figure("explained/plot_shares_and_points", "tt balance"),
+    figure("explained/plot_why_the_parabola_fails", *BY_THESIS),
+    # Figures of measurements.
+    figure("measured/plot_error_vs_time", *BY_ALL),
+    figure("measured/plot_oracle_and_regret", *BY_ALL),
+    figure("measured/plot_patch_size", *BY_ALL),
+    figure("measured/plot_rules_compared", *BY_ALL),
+    figure("measured/plot_scale"),
+)

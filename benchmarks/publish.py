@@ -1,0 +1,257 @@
+"""Make every table and picture of the pages anew where it is older than the renders or the script that decide it.
+
+    python benchmarks/publish.py             make what is old (hours; an interrupted run continues)
+    python benchmarks/publish.py --only points stability
+    python benchmarks/publish.py --list      what is old, and why (a minute, for the renders)
+    python benchmarks/publish.py --pages     write the tables into the pages again from docs/tables: seconds
+    python benchmarks/publish.py --record points    note that docs/tables/points.csv has just been made by hand
+
+What decides a piece of `pieces.PIECES` are small renders of its scenes and rules (`frozen`): a refactoring that keeps
+every bit makes nothing old. Hashes of these renders are in docs/tables/renders.csv with the machine that they are of,
+because others round differently; on a machine without rows publish.py says so, and takes all to be new but what has
+another script. docs/tables/published.csv has a row for each piece, and docs/published.md shows them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import csv
+import hashlib
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from datetime import date
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples"), str(ROOT / "examples" / "thesis")]
+
+import frozen
+from common import machine, replace_table
+from pieces import PIECES, Piece
+
+import dmis
+
+DOCS = ROOT / "docs"
+PUBLISHED = DOCS / "tables" / "published.csv"
+RENDERS = DOCS / "tables" / "renders.csv"
+PAGE = DOCS / "published.md"
+FIELDS = ("piece", "commit", "date", "minutes", "machine", "serial", "script", "files")
+"""Columns of `PUBLISHED`; `serial` is that of the renders at the time, `script` and `files` are hashes."""
+
+
+# Tables of the pages ------------------------------------------------------------------------------------------------
+
+
+def page_of(block: str) -> tuple[Path, str]:
+    """Return the page and the mark of a block such as ``"measurements.md: steps"``."""
+    name, _, mark = block.partition(": ")
+    return (ROOT if name == "README.md" else DOCS) / name, mark
+
+
+def tables_of(piece: Piece) -> dict[str, list[str]]:
+    """Return the lines of the blocks of a piece, from docs/tables alone."""
+    if not piece.module:
+        return {}
+    tables: dict[str, list[str]] = import_module(piece.module).tables()
+    return {block: tables[block] for block in piece.blocks}
+
+
+def sentences_of(piece: Piece) -> dict[str, list[str]]:
+    """Return the fragments of prose with numbers, by page; from docs/tables alone."""
+    module = import_module(piece.module) if piece.module else None
+    return module.sentences() if module is not None and hasattr(module, "sentences") else {}
+
+
+def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
+    """Write the blocks of the pieces into the pages, and `PAGE`."""
+    for piece in pieces:
+        for block, lines in tables_of(piece).items():
+            replace_table(*page_of(block), *lines)
+    write_published()
+
+
+def write_published() -> None:
+    """Write `PAGE`: each piece, its command, and where and when it was made."""
+    rows = read_rows(PUBLISHED)
+    commands = {piece.name: piece.command for piece in PIECES}
+    lines = [
+        "# What was published when",
+        "",
+        "After this page you know by which command, at which commit and on which machine each table and picture was",
+        "made. `make publish` makes those that are older than the renders or the script that decide them.",
+        "",
+        "| piece | command: python … | commit | date | minutes | machine |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = (row["piece"], f"`{commands.get(row['piece'], '–')}`", row["commit"], row["date"], row["minutes"])
+        lines.append(f"| {' | '.join((*cells, row['machine']))} |")
+    PAGE.write_text("\n".join(lines) + "\n", "utf-8")
+
+
+# Ages ---------------------------------------------------------------------------------------------------------------
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table; none if there is no file."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def write_rows(path: Path, fields: Sequence[str], rows: Iterable[dict[str, str]]) -> None:
+    """Write a table."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, fields, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+def code_digest(script: str) -> str:
+    """Return a hash of the code of a script, without comments and docstrings; empty for no script."""
+    if not script:
+        return ""
+    tree = ast.parse((ROOT / script).read_text("utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node) is not None:
+            node.body = node.body[1:]
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:12]
+
+
+def files_digest(piece: Piece) -> str:
+    """Return a hash of the files of a piece."""
+    sha = hashlib.sha256()
+    for name in piece.files:
+        sha.update((DOCS / name).read_bytes() if (DOCS / name).exists() else b"missing")
+    return sha.hexdigest()[:12]
+
+
+def rounding() -> str:
+    """Return what the rounding of renders depends on."""
+    return f"{machine()}, NumPy {version('numpy')}, embreex {version('embreex')}"
+
+
+def update_renders() -> bool:
+    """Render the frozen configurations, and note hashes that have changed; whether this machine had hashes before."""
+    rows, here = read_rows(RENDERS), rounding()
+    old = {row["render"]: row["hash"] for row in rows if row["machine"] == here}
+    serial = 1 + max((int(row["serial"]) for row in rows), default=0)
+    scenes: dict[str, dmis.Scene] = {}
+    table = frozen.configurations()
+    for n, (name, configuration) in enumerate(table.items(), 1):
+        print(f"\rrender {n} of {len(table)}", end="", file=sys.stderr, flush=True)
+        found = frozen.digest(frozen.render(configuration, scenes))
+        if old.get(name) != found:
+            rows.append({"serial": str(serial), "render": name, "hash": found, "machine": here})
+    print(file=sys.stderr)
+    write_rows(RENDERS, ("serial", "render", "hash", "machine"), rows)
+    return bool(old)
+
+
+def reason_to_make(piece: Piece, published: dict[str, dict[str, str]], renders: list[dict[str, str]]) -> str:
+    """Return why a piece is old; empty if it is not."""
+    if piece.name not in published:
+        return "was never made by this command"
+    row = published[piece.name]
+    if row["files"] != files_digest(piece):
+        return "its files are not those that were published"
+    if row["script"] != code_digest(piece.script):
+        return f"{piece.script} has changed"
+    for render in renders:
+        if int(render["serial"]) > int(row["serial"]) and render["render"].startswith(piece.renders or ("\n",)):
+            return f"the render '{render['render']}' has changed"
+    return ""
+
+
+def state() -> tuple[dict[str, dict[str, str]], list[dict[str, str]]]:
+    """Return the published rows by piece, and the hashes of this machine."""
+    here = rounding()
+    return (
+        {row["piece"]: row for row in read_rows(PUBLISHED)},
+        [row for row in read_rows(RENDERS) if row["machine"] == here],
+    )
+
+
+def record(piece: Piece, minutes: float | None = None, commit: str = "") -> None:
+    """Note that the files of a piece have been made; without minutes, those of its old row stay."""
+    published, _ = state()
+    old = published.get(piece.name, {})
+    head = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    serial = max((int(row["serial"]) for row in read_rows(RENDERS)), default=0)
+    published[piece.name] = {
+        "piece": piece.name,
+        "commit": commit or head.stdout.strip() or "unknown",
+        "date": str(date.today()),
+        "minutes": old.get("minutes", "–") if minutes is None else f"{minutes:.1f}",
+        "machine": machine(),
+        "serial": str(serial),
+        "script": code_digest(piece.script),
+        "files": files_digest(piece),
+    }
+    order = {known.name: n for n, known in enumerate(PIECES)}
+    write_rows(PUBLISHED, FIELDS, sorted(published.values(), key=lambda row: order.get(row["piece"], len(order))))
+
+
+# Making -------------------------------------------------------------------------------------------------------------
+
+
+def make(piece: Piece) -> bool:
+    """Run the command of a piece, and note that it was made; return whether it succeeded."""
+    begin = time.perf_counter()
+    done = subprocess.run([sys.executable, *shlex.split(piece.command)], cwd=ROOT, check=False)
+    if done.returncode == 0:
+        record(piece, (time.perf_counter() - begin) / 60)
+        write_pages([piece])
+    return done.returncode == 0
+
+
+def named(names: Sequence[str] | None) -> list[Piece]:
+    """Return the pieces of these names, all if None; `SystemExit` for a name that none has."""
+    known = {piece.name: piece for piece in PIECES}
+    unknown = [name for name in names or () if name not in known]
+    if unknown:
+        sys.exit(f"no piece {', '.join(unknown)}; pieces are {', '.join(known)}")
+    return [known[name] for name in names] if names else list(PIECES)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line above; return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--only", nargs="+", metavar="PIECE", help="make these, old or not")
+    parser.add_argument("--list", action="store_true", help="print what is old, and why; make nothing")
+    parser.add_argument("--pages", action="store_true", help="write the pages from docs/tables; measure nothing")
+    parser.add_argument("--record", nargs="+", metavar="PIECE", help="note that files were made by hand just now")
+    given = parser.parse_args(arguments)
+    pieces = named(given.only or given.record)
+    if given.pages:
+        write_pages(pieces)
+        return 0
+    if given.record:
+        for piece in pieces:
+            record(piece)
+        write_pages(pieces)
+        return 0
+    if not update_renders():
+        print(f"no hashes of this machine ({rounding()}): which renders have changed cannot be told")
+    reasons = {piece.name: reason_to_make(piece, *state()) for piece in pieces}
+    for piece in pieces:
+        print(f"{piece.name:40} {reasons[piece.name] or 'as new as what decides it'}")
+    if given.list:
+        return 0
+    failed = [piece.name for piece in pieces if (given.only or reasons[piece.name]) and not make(piece)]
+    if failed:
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+    return len(failed) and 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,175 @@
+"""Every table of the pages is made from committed rows alone, and every picture by the script that is there."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import publish
+import pytest
+from pieces import PIECES, Piece
+
+from dmis.fit.registry import make_rule
+
+ROOT = Path(__file__).parent.parent
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+NOT_YET = (
+    "README brdfs cluster code literature measurements mis-bench paths performance report reproduction stability "
+    "tables thesis what-weights-save"
+)
+"""Pages with blocks that are not yet made from committed rows, and files of docs that are no piece yet."""
+OLD = {piece.name for piece in PIECES if piece.script}
+"""Pictures that may be older than their scripts, each with a reason."""
+OTHER_FILES = {
+    "images/data-flow.svg": "drawn by hand",
+    "images/play.png": "a screenshot of the play page",
+    "images/paper-figure.png": "made by the commands of docs/paper.md",
+    "figures/captions.json": "titles and captions of all figures",
+    "tables/published.csv": "what publish.py notes",
+    "tables/renders.csv": "what publish.py notes",
+}
+"""Files of docs that are no piece, and why."""
+WITH_TABLES = [piece for piece in PIECES if piece.module]
+FIGURES = [piece for piece in PIECES if piece.script]
+
+
+def blocks() -> dict[str, list[str]]:
+    """Return the lines of each block of the pages."""
+    found = {}
+    for page in PAGES:
+        text = page.read_text("utf-8")
+        for mark, block in re.findall(r"<!-- ([^\n]+): begin -->\n(.*?)<!-- \1: end -->", text, re.S):
+            found[f"{page.name}: {mark}"] = block.split("\n")[:-1]
+    return found
+
+
+@pytest.mark.parametrize("piece", WITH_TABLES, ids=lambda piece: piece.name)
+def test_every_cell_comes_from_committed_rows(piece: Piece) -> None:
+    on_pages = blocks()
+    for block, lines in publish.tables_of(piece).items():
+        assert on_pages[block] == [line for text in lines for line in text.split("\n")], block
+
+
+@pytest.mark.parametrize("piece", WITH_TABLES, ids=lambda piece: piece.name)
+def test_numbers_in_sentences_come_from_committed_rows(piece: Piece) -> None:
+    for page, sentences in publish.sentences_of(piece).items():
+        text = " ".join(publish.page_of(page)[0].read_text("utf-8").split())
+        for sentence in sentences:
+            assert " ".join(sentence.split()) in text, page
+
+
+def test_every_block_has_a_piece() -> None:
+    missing = set(blocks()) - {block for piece in PIECES for block in piece.blocks}
+    assert sorted(block for block in missing if block.partition(".")[0] not in NOT_YET.split()) == []
+
+
+def test_every_file_has_a_piece() -> None:
+    docs = ROOT / "docs"
+    files = {
+        f"{folder}/{path.name}" for folder in ("figures", "images", "tables") for path in (docs / folder).iterdir()
+    }
+    missing = files - {name for piece in PIECES for name in piece.files} - set(OTHER_FILES)
+    assert sorted(name for name in missing if name.startswith("figures")) == []
+    assert [name for piece in PIECES for name in piece.files if not (docs / name).exists()] == []
+
+
+def test_pieces_have_names_scripts_and_renders_of_their_own() -> None:
+    import frozen
+
+    renders = tuple(frozen.configurations())
+    assert len({piece.name for piece in PIECES}) == len(PIECES)
+    for piece in PIECES:
+        assert (ROOT / piece.command.split()[0]).exists(), piece.name
+        assert all(any(name.startswith(begin) for name in renders) for begin in piece.renders), piece.name
+
+
+@pytest.mark.parametrize("piece", FIGURES, ids=lambda piece: piece.name)
+def test_no_picture_is_older_than_its_script(piece: Piece) -> None:
+    if piece.name not in OLD:
+        published, _ = publish.state()
+        assert publish.reason_to_make(piece, published, []) == ""
+
+
+@pytest.mark.parametrize("piece", FIGURES, ids=lambda piece: piece.name)
+def test_rules_of_figures_exist(piece: Piece) -> None:
+    """Strings of a script that begin as a rule does, such as ``"thesis:patch=8"``, are rules."""
+    nodes = list(ast.walk(ast.parse((ROOT / piece.script).read_text("utf-8"))))
+    parts = {part for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+    for node in nodes:
+        if isinstance(node, ast.Constant) and node not in parts and re.fullmatch(r"[a-z-]+:\w+=\S+", str(node.value)):
+            make_rule(node.value)
+
+
+# Ages ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def planted(tmp_path, monkeypatch) -> tuple[Piece, dict[str, dict[str, str]]]:
+    """A piece with a file and a script, and its row as it was published with the renders of serial 1."""
+    monkeypatch.setattr(publish, "DOCS", tmp_path)
+    monkeypatch.setattr(publish, "ROOT", tmp_path)
+    (tmp_path / "a.csv").write_text("1\n")
+    (tmp_path / "a.py").write_text('"""Say one."""\nprint(1)  # one\n')
+    piece = Piece("a", "a.py", files=("a.csv",), renders=("tt auto",), script="a.py")
+    row = {"serial": "1", "script": publish.code_digest("a.py"), "files": publish.files_digest(piece)}
+    return piece, {"a": row}
+
+
+def render(name: str, serial: int) -> dict[str, str]:
+    """Return a row of the renders."""
+    return {"serial": str(serial), "render": name, "hash": "0", "machine": "any"}
+
+
+@pytest.mark.parametrize(
+    "renders, old",
+    [
+        ([], ""),
+        ([render("tt auto x", 1)], ""),
+        ([render("tt balance", 2)], ""),
+        ([render("tt auto x", 2)], "tt auto x"),
+    ],
+)
+def test_changed_renders_age_the_pieces_that_they_decide(planted, renders, old) -> None:
+    reason = publish.reason_to_make(*planted, renders)
+    assert bool(reason) == bool(old) and old in reason
+
+
+def test_pieces_without_renders_do_not_age_by_renders(planted) -> None:
+    piece, published = planted
+    assert publish.reason_to_make(replace(piece, renders=()), published, [render("tt auto", 2)]) == ""
+
+
+def test_code_ages_a_picture_and_comments_do_not(planted, tmp_path) -> None:
+    piece, published = planted
+    (tmp_path / "a.py").write_text('"""Say it."""\nprint(1)\n')
+    assert publish.reason_to_make(piece, published, []) == ""
+    (tmp_path / "a.py").write_text("print(2)\n")
+    assert "a.py has changed" in publish.reason_to_make(piece, published, [])
+
+
+def test_replaced_files_and_unknown_pieces_are_told(planted, tmp_path) -> None:
+    piece, published = planted
+    (tmp_path / "a.csv").write_text("2\n")
+    assert "files" in publish.reason_to_make(piece, published, [])
+    assert "never" in publish.reason_to_make(piece, {}, [])
+
+
+def test_publish_makes_what_is_old_and_names_what_failed(planted, tmp_path, monkeypatch, capfd) -> None:
+    """A piece that fails does not keep the others from being made; what was made is new afterwards."""
+    piece, _ = planted
+    bad = replace(piece, name="bad", command="b.py")
+    (tmp_path / "b.py").write_text("raise SystemExit(1)\n")
+    (tmp_path / "tables").mkdir()
+    for name in ("PUBLISHED", "RENDERS"):
+        monkeypatch.setattr(publish, name, tmp_path / "tables" / f"{name}.csv")
+    monkeypatch.setattr(publish, "PAGE", tmp_path / "published.md")
+    monkeypatch.setattr(publish, "PIECES", (bad, piece))
+    monkeypatch.setattr(publish, "write_pages", lambda pieces: publish.write_published())
+    monkeypatch.setattr(publish, "update_renders", lambda: True)
+    assert publish.main([]) == 1
+    assert "failed: bad" in capfd.readouterr().err
+    assert publish.reason_to_make(piece, *publish.state()) == ""
+    assert "`a.py`" in publish.PAGE.read_text("utf-8")
+    assert publish.main(["--only", "a"]) == 0
