@@ -17,19 +17,18 @@ All lights of the scene shine; Mitsuba picks one for each sample, dmis samples a
 renders with two seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's
 independent sampler gets as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others
 the nearest number that they allow. Renders are kept in the cache folder of dmis: an interrupted run is resumed, and the
-turns are taken again when dmis, the rules or the samplers have changed. ``--tables paths`` has the same by paths.
+turns are taken again when dmis, the rules or the samplers have changed. ``--tables paths`` has the same by paths. Rows
+go to docs/tables, from which `show_mitsuba` makes the tables; remove a file to measure again.
 
 Needs ``pip install mitsuba``; the LLVM columns also an LLVM library that it can find (Debian: libllvm19).
 """
 
 import argparse
 import itertools
-import platform
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from datetime import date
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,8 +43,10 @@ mi.set_variant("scalar_rgb")
 dr.set_thread_count(1)
 
 import mitsuba_scene
-from common import SCENES, TABLES, bold, machine, replace_table
-from front_table import write_front_table
+from common import SCENES, TABLES
+from rows import read_rows, write_rows
+from show_mitsuba import DEFAULT as OVER_DEFAULT
+from show_mitsuba import ERROR_FIELDS, ERRORS, PATHS, SPEED, SPEED_FIELDS
 
 import dmis
 from dmis.base.atomic_files import replacing
@@ -55,11 +56,12 @@ from dmis.experiment.reference import cache_folder
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 
-PAGES = {
-    kind: ROOT / "docs" / page
-    for kind, page in (("speed", "performance.md"), ("errors", "performance.md"), ("paths", "paths.md"))
-}
-"""Page of each table."""
+FILES = {"speed": SPEED, "errors": ERRORS, "paths": PATHS}
+"""Rows of each table."""
+SIZES = {name: tuple(round(n / TABLES[name]) for n in about.size) for name, about in SCENES.items()}
+SIZES |= {"veach-mis": (240, 180), "cornell": (200, 200)}
+"""Scenes and their resolutions; ten-lights has a spot light that Mitsuba has not."""
+BY_PATHS = ("cornell", "killeroo-gold", "tt", "killeroo-diffuse")
 DEPTH = 5
 """Surfaces of a path."""
 RULES = {"balance": "balance", "auto": "auto:error=absolute"}
@@ -153,24 +155,20 @@ def timed(render: Render, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return image, seconds
 
 
-def speed(scene: dmis.Scene, contestants: dict[str, Render], spp: dict[str, int], repeats: int) -> str:
-    """A line of the first table: samples per second of wall and of CPU time."""
+def speed(
+    scene: dmis.Scene, contestants: dict[str, Render], spp: dict[str, int], repeats: int
+) -> list[dict[str, object]]:
+    """Return rows of the table of speeds."""
     pixels = scene.camera.resolution[0] * scene.camera.resolution[1]
-    rates: dict[str, list[np.ndarray]] = {name: [] for name in contestants}
+    rows: list[dict[str, object]] = []
     for render in contestants.values():
         render(4, 0)
     for seed in range(1, repeats + 1):
         for name, render in contestants.items():
             _, seconds = timed(render, spp[name], seed)
-            rates[name].append(pixels * spp[name] / seconds / 1e6)
-    cells = []
-    for runs in rates.values():
-        wall, cpu = np.median(runs, axis=0)
-        cells.append(f"{wall:.2f} ({cpu:.2f})")
-    for name in [name for name in ("LLVM", "own") if name in rates]:
-        wall, cpu = np.median(np.array(rates["dmis"]) / np.array(rates[name]), axis=0)
-        cells.append(f"{wall:.2f} ({cpu:.2f})")
-    return f"| {scene.name} | {' | '.join(cells)} |"
+            rates = [f"{rate:.4g}" for rate in pixels * spp[name] / seconds / 1e6]
+            rows.append(dict(zip(SPEED_FIELDS, (scene.name, name, seed, *rates), strict=True)))
+    return rows
 
 
 @dataclass(frozen=True)
@@ -295,8 +293,8 @@ def screen(
 
 def compare_errors(
     scene: dmis.Scene, spp: int, seeds: int, depth: int | None, reference: dmis.Reference
-) -> tuple[list[str], float]:
-    """Return lines of a table of errors, one for each best set-up of Mitsuba, and the smallest mean squared error.
+) -> list[dict[str, object]]:
+    """Return rows of a table of errors, six for each best set-up of Mitsuba.
 
     `spp` are camera samples per pixel of dmis.
     """
@@ -304,96 +302,74 @@ def compare_errors(
     for rule in {*RULES, *RULES.values()}:
         contestants[rule] = (partial(ours, scene, rule, "sobol", depth), spp)
     turns = take_turns([mitsuba_key(scene), depth, package_hash()], contestants, range(1, seeds + 1))
-    lines = []
+    noise = reference.mse / min(float(turns.errors(name, reference, "mse").mean()) for name in contestants)
+    rows: list[dict[str, object]] = []
     for anchor in anchors:
-        pairs = [(anchor, str(DEFAULT), measure) for measure in MEASURES]
-        pairs += [(RULES[rule] if m == "mse" else rule, anchor, m) for rule in RULES for m in MEASURES]
-        ratios = [turns.ratio(name, base, reference, measure) for name, base, measure in pairs]
-        cells = [bold(*ratio) for ratio in ratios]
-        lines.append(f"| {scene.name} | {seeds} | {anchor} | {contestants[anchor][1]} | {' | '.join(cells)} |")
-        print(lines[-1], flush=True)
         if seeds > 1:
-            print(f"    of Mitsuba's error, common to all seeds: {turns.common(anchor, reference):.1%}", flush=True)
-    return lines, min(float(turns.errors(name, reference, "mse").mean()) for name in contestants)
+            print(f"    {anchor}: error common to all seeds: {turns.common(anchor, reference):.1%}", flush=True)
+        pairs = [(OVER_DEFAULT, anchor, str(DEFAULT), measure) for measure in MEASURES]
+        pairs += [(rule, RULES[rule] if m == "mse" else rule, anchor, m) for rule in RULES for m in MEASURES]
+        for compared, name, base, measure in pairs:
+            ratio = [f"{value:.4g}" for value in (*turns.ratio(name, base, reference, measure), noise)]
+            about = (scene.name, seeds, spp, anchor, contestants[anchor][1], compared, measure)
+            rows.append(dict(zip(ERROR_FIELDS, (*about, *ratio), strict=True)))
+    return rows
 
 
-def error_table(scenes: list[dmis.Scene], given: argparse.Namespace, depth: int | None) -> list[str]:
-    """Return the lines of a table of errors, by paths of `depth` surfaces or in direct light."""
-    titles = ["scene", "seeds", "Mitsuba's best", "its spp"]
-    of_both = ["over its default", *(f"`{rule}`, sobol" for rule in RULES)]
-    titles += [f"{title}, {error}" for title in of_both for error in MEASURES.values()]
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    noise = []
+def error_rows(scenes: list[dmis.Scene], given: argparse.Namespace, depth: int | None, csv: Path) -> None:
+    """Write rows of errors, by paths of `depth` surfaces or in direct light; scenes that have rows are left out."""
+    rows: list[Any] = read_rows(csv)
     for scene in scenes:
+        if any(row["scene"] == scene.name for row in rows):
+            continue
         of_paths = {"integrator": "direct"} if depth is None else {"integrator": "path", "max_depth": depth}
         reference = dmis.make_reference(scene, given.reference_spp, **of_paths)
-        rows, smallest = compare_errors(scene, given.spp, given.repeats, depth, reference)
-        lines += rows
-        share = reference.mse / smallest
-        noise.append(f"{scene.name} {share:.1%}" + ", **more than 5 %**" * (share > 0.05))
-    return [
-        f"Made on {date.today()} with Mitsuba {mi.__version__} on {machine()}, {given.spp} spp of dmis.",
-        "",
-        *lines,
-        "",
-        f"Noise of the references ({given.reference_spp} spp of `auto` in each half) over the smallest error of the "
-        f"scene: {'; '.join(noise)}.",
-    ]
+        rows += compare_errors(scene, given.spp, given.repeats, depth, reference)
+        write_rows(csv, rows, ERROR_FIELDS)
+        print(scene.name, "done", flush=True)
 
 
-def speed_table(scenes: list[dmis.Scene], given: argparse.Namespace, compiles: bool) -> list[str]:
-    """Return the lines of the first table; `compiles`: whether Mitsuba has its LLVM variant."""
-    names = ["dmis", *(["LLVM", "own"] if compiles else []), "scalar"]
-    more = ["dmis / LLVM", "dmis / own"] if compiles else []
-    lines = [f"| scene | {' | '.join(names + more)} |", "|---" * (1 + len(names + more)) + "|"]
-    repeats, spp = given.repeats, given.spp // 2
+def speed_rows(scenes: list[dmis.Scene], given: argparse.Namespace, csv: Path) -> None:
+    """Write rows of speeds; scenes that have rows are left out."""
+    rows: list[Any] = read_rows(csv)
     for scene in scenes:
-        alone = replace(scene, lights=scene.plan.sampled)
-        contestants = {"dmis": ours(alone, "balance")}
-        if compiles:
-            contestants["LLVM"] = theirs(alone)
-            contestants["own"] = theirs(alone, exact=False)
+        if any(row["scene"] == scene.name for row in rows):
+            continue
+        alone, spp = replace(scene, lights=scene.plan.sampled), given.spp // 2
+        contestants = {"dmis": ours(alone, "balance"), "LLVM": theirs(alone), "own": theirs(alone, exact=False)}
         contestants["scalar"] = theirs(alone, "scalar_rgb", exact=False)
         counts = {key: max(1, spp // 4) if key == "scalar" else spp for key in contestants}
-        lines.append(speed(alone, contestants, counts, repeats))
-        print(lines[-1], flush=True)
-    return [
-        f"Made on {date.today()} with `benchmarks/against_mitsuba.py`: Mitsuba {mi.__version__}, {platform.machine()}, "
-        f"{repeats} seeds. Millions of camera samples per second of wall (CPU) time:",
-        "",
-        *lines,
-    ]
+        rows += speed(alone, contestants, counts, given.repeats)
+        write_rows(csv, rows, SPEED_FIELDS)
+        print(scene.name, "done", flush=True)
 
 
 def main() -> None:
-    """Measure, print the tables, and put them into the page."""
+    """Measure, and write rows."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[1])
-    parser.add_argument("--quick", action="store_true", help="small images: no page is written")
-    parser.add_argument("--tables", nargs="+", choices=list(PAGES), default=list(PAGES))
-    parser.add_argument("--repeats", type=int, default=10, help="seeds of each contestant (default 10)")
-    parser.add_argument("--spp", type=int, default=128, help="of dmis; speeds take half of it (default 128)")
+    parser.add_argument("--quick", action="store_true", help="small images, rows to --folder")
+    parser.add_argument("--tables", nargs="+", choices=list(FILES), default=list(FILES))
+    parser.add_argument("--repeats", type=int, default=6, help="seeds of each contestant (default 6)")
+    parser.add_argument("--spp", type=int, help="of dmis (default 128, by paths 64); speeds take half of it")
     parser.add_argument("--reference-spp", type=int, default=1024, help="of each half of a reference (default 1024)")
-    parser.add_argument("--scenes", nargs="+", choices=["cornell", *SCENES], default=["cornell", *SCENES])
-    parser.add_argument("--page", type=Path, help="the page whose tables are replaced (default: pages below docs)")
+    parser.add_argument("--scenes", nargs="+", choices=list(SIZES), default=list(SIZES))
+    parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "tables", help="of the rows")
     given = parser.parse_args()
-    compiles = llvm()
+    if not llvm():
+        sys.exit("Mitsuba's LLVM variant is needed: DRJIT_LIBLLVM_PATH names the LLVM library")
     scenes = []
     for name in given.scenes:
-        shrink = TABLES.get(name, 1) * (4 if given.quick else 1)
-        size = SCENES[name].size if name in SCENES else (200, 200)
-        scenes.append(dmis.load_scene(name, tuple(round(n / shrink) for n in size)))
-    direct = [scene for scene in scenes if scene.name in SCENES]
-    for kind in given.tables if compiles else [kind for kind in given.tables if kind == "speed"]:
+        shrink = 4 if given.quick else 1
+        scenes.append(dmis.load_scene(name, tuple(round(n / shrink) for n in SIZES[name])))
+    chosen = given.spp
+    for kind in given.tables:
+        csv, given.spp = given.folder / FILES[kind].name, chosen or (64 if kind == "paths" else 128)
         if kind == "speed":
-            lines = speed_table(direct, given, compiles)
+            speed_rows([scene for scene in scenes if scene.name in SCENES], given, csv)
+        elif kind == "errors":
+            error_rows([scene for scene in scenes if scene.name != "cornell"], given, None, csv)
         else:
-            lines = error_table(*((scenes, given, DEPTH) if kind == "paths" else (direct, given, None)))
-        print("\n".join(lines))
-        page = given.page or (None if given.quick else PAGES[kind])
-        if page is not None:
-            replace_table(page, f"mitsuba-{kind}", *lines)
-        if page == PAGES["errors"] and kind == "errors":
-            write_front_table()
+            error_rows([scene for scene in scenes if scene.name in BY_PATHS], given, DEPTH, csv)
 
 
 if __name__ == "__main__":

@@ -103,6 +103,13 @@ def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, *
     )
 
 
+def rung_text(value: float, interval: float) -> str:
+    """Return a rung with half of its 95 % confidence interval as text, or "< limit" if the interval reaches 0."""
+    if not value > interval:
+        return f"< {max(value, 0) + interval:.2g}"
+    return f"{value:.3g} ± {interval:.2g}" if interval > 1e-9 else f"{value:.3g}"
+
+
 @dataclass(frozen=True)
 class Ladder:
     """Rungs of a scene, each an error in equal time over that of independent samples of the balance heuristic.
@@ -138,10 +145,7 @@ class Ladder:
 
     def rung_text(self, name: str) -> str:
         """Return a rung with its 95 % confidence interval as text, or "< limit" if it is one of `unclear`."""
-        value, interval = self.rungs[name], self._interval(name)
-        if name in self.unclear:
-            return f"< {max(value, 0) + interval:.2g}"
-        return f"{value:.3g} ± {interval:.2g}" if interval > 1e-9 else f"{value:.3g}"
+        return rung_text(self.rungs[name], self._interval(name))
 
     def text(self) -> str:
         """Return the position's share, the evenness and a table of the rungs with 95 % intervals, in Markdown."""

@@ -4,65 +4,70 @@ The ladder of bounds: a table of docs/measurements.md
 
 How small the error could be in equal time with one freedom of the estimator after another, on the four scenes, as
 ``print_ladder.py SCENE --compensation 0`` prints it for one. The first rung is the balance heuristic,
-so skies are sampled without compensation. Takes ten minutes; the result is kept with the project.
+so skies are sampled without compensation. Takes ten minutes; rows go to docs/tables/ladder.csv.
 """
 
 import sys
-from datetime import date
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-from common import ROOT, TABLES, machine, options, replace_table, show
-from evenness import EVEN_SEEDS, EVEN_SPP, measure_evenness
-from ladder import RUNGS, halved_oracle, make_ladder
+from common import ROOT, TABLES, options, show
+from evenness import EVEN_SPP, measure_evenness
+from ladder import INTERVAL, RUNGS, halved_oracle, make_ladder, rung_text
+from pieces import FOUR
+from rows import markdown, read_rows, write_rows
 
 import dmis
 
-PAGE = ROOT / "docs" / "measurements.md"
+CSV = ROOT / "docs" / "tables" / "ladder.csv"
+FIELDS = ("scene", "rung", "value", "standard error", "same samples")
+POSITION, RATIO, EXPONENT = "P / V at w = 1/2", f"`balance` with Sobol points, {EVEN_SPP} samples", "a, error ~ n^-a"
+"""Rows of what the rungs follow from."""
 
-opts, given = options(
-    __file__,
-    "bounds of the error in equal time on the four scenes",
-    page={"type": Path, "default": PAGE, "help": "the page whose table is replaced"},
-)
-SPP = opts.pick(64, 2048)
-PLAIN = dmis.Settings(compensation=0)
 
-# %%
-# The oracle is rendered once and kept; the ladder follows from it, but for the renders with Sobol points.
-ladders = {}
-for name, shrink in TABLES.items():
-    scene = opts.scene(name, shrink * opts.pick(4, 1))
-    oracle = halved_oracle(scene, SPP, settings=PLAIN, parallel=opts.threads, progress=show(f"{name}: oracle"))
-    progress = show(f"{name}: Sobol points")
-    evenness = measure_evenness(scene, oracle, settings=PLAIN, parallel=opts.threads, progress=progress)
-    ladder = make_ladder(oracle, evenness)
-    assert ladder is not None, f"{name} has no noise"
-    ladders["{} {}×{}".format(scene.name, *scene.camera.resolution)] = ladder
-    print(scene.name, ladder.text(), sep="\n", flush=True)
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the block: rungs by scenes, and below what they follow from."""
+    rows = read_rows(CSV)
+    scenes = sorted({row["scene"]: None for row in rows}, key=lambda scene: FOUR.index(scene.split()[0]))
+    cells = {(row["scene"], row["rung"]): row for row in rows}
+    lines = []
+    for name, meaning in RUNGS.items():
+        values = [cells[scene, name] for scene in scenes]
+        texts = [rung_text(float(row["value"]), INTERVAL * float(row["standard error"])) for row in values]
+        lines.append([name, meaning, *texts])
+    for name, digits in ((POSITION, ".2f"), (RATIO, ".2g"), (EXPONENT, ".2f")):
+        lines.append(["", name, *(format(float(cells[scene, name]["value"]), digits) for scene in scenes)])
+    return {"measurements.md: ladder": markdown(["bound", "what may be chosen", *scenes], lines)}
 
-# %%
-# Rungs by scenes, and below what they follow from.
-lines = ["| bound | what may be chosen | " + " | ".join(ladders) + " |", "|---|---|" + "---|" * len(ladders)]
-for name, meaning in RUNGS.items():
-    values = [ladder.rung_text(name) for ladder in ladders.values()]
-    lines.append(f"| {name} | {meaning} | {' | '.join(values)} |")
-for title, values in {
-    "P / V at w = 1/2": [f"{ladder.position:.2f}" for ladder in ladders.values()],
-    f"`balance` with Sobol points, {EVEN_SPP} samples": [f"{ladder.evenness.ratio:.2g}" for ladder in ladders.values()],
-    "its exponent a, error ~ n^-a": [f"{ladder.evenness.exponent:.2f}" for ladder in ladders.values()],
-}.items():
-    lines.append(f"| | {title} | {' | '.join(values)} |")
-difference = max(
-    abs(1 - ladder.flattered[name] / ladder.rungs[name])
-    for ladder in ladders.values()
-    for name in RUNGS
-    if name not in ("B6", "B7")
-)
-about = (
-    f"Made on {date.today()} with {SPP} samples per pixel and, with Sobol points, {EVEN_SEEDS} renders each of "
-    f"{EVEN_SPP // 4} and {EVEN_SPP}, on {machine()}.",
-    f"Chosen and evaluated on the same samples, B0 to B3 are within {difference:.0%} of these.",
-)
-replace_table(given.page, "ladder", *about, "", *lines)
+
+def main() -> None:
+    """Measure; the oracle is rendered once and kept."""
+    opts, given = options(
+        __file__,
+        "bounds of the error in equal time on the four scenes",
+        csv={"type": Path, "default": CSV, "help": "rows of results"},
+    )
+    plain = dmis.Settings(compensation=0)
+    rows = read_rows(given.csv)
+    for name, shrink in TABLES.items():
+        scene = opts.scene(name, shrink * opts.pick(4, 1))
+        title = "{} {}×{}".format(name, *scene.camera.resolution)
+        if any(row["scene"] == title for row in rows):
+            continue
+        about = {"settings": plain, "parallel": opts.threads}
+        oracle = halved_oracle(scene, opts.pick(64, 2048), progress=show(f"{name}: oracle"), **about)
+        evenness = measure_evenness(scene, oracle, progress=show(f"{name}: Sobol points"), **about)
+        ladder = make_ladder(oracle, evenness)
+        assert ladder is not None, f"{name} has no noise"
+        print(title, ladder.text(), sep="\n", flush=True)
+        values = {rung: (ladder.rungs[rung], ladder.standard_errors[rung], ladder.flattered[rung]) for rung in RUNGS}
+        values |= {POSITION: (ladder.position, 0, 0), RATIO: (evenness.ratio, 0, 0)}
+        values |= {EXPONENT: (evenness.exponent, 0, 0)}
+        numbers = {rung: [f"{value:.6g}" for value in of_rung] for rung, of_rung in values.items()}
+        rows += [dict(zip(FIELDS, (title, rung, *of_rung), strict=True)) for rung, of_rung in numbers.items()]
+        write_rows(given.csv, rows, FIELDS)
+
+
+if __name__ == "__main__":
+    main()

@@ -2,102 +2,142 @@
 The tables of docs/paths.md
 ===========================
 
-What rules save in path tracing, five surfaces deep, on the thesis's scenes and on the box of colours: relMSE and MSE
-times CPU seconds, pilot included, over those of the balance heuristic with independent points. Beside it the
-oracle, which knows what shares and numbers of samples could save. One thread, rules in turns. Takes about half an hour;
-the result is kept with the project.
+What each step saves in path tracing, five surfaces deep: low-discrepancy points, sky
+compensation, Russian roulette, a light tree at scattered vertices, numbers of samples
+(`counts`), and shares (`auto`). The first baseline is the balance heuristic with
+independent points and none of these.
+
+One thread, CPU seconds, rules in turns. Each render is a row of docs/tables/paths.csv,
+written as soon as it is made: an interrupted run continues. Takes some 40 minutes.
 """
 
 import sys
-from datetime import date
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-from common import ROOT, TABLES, bold, machine, options, replace_table, show
+from common import ROOT, TABLES, options, show
+from rows import read_runs, writer
+from vary import set_constant
 
 import dmis
-from dmis.experiment.convergence import MEASURES
-from dmis.experiment.metrics import ratio
-from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.runs import measure
 
-PAGE = ROOT / "docs" / "paths.md"
-PINNED = "balance:sampler=independent"
-RULES = {
-    "second-moment:sampler=independent": "second-moment, independent",
-    "balance:sampler=sobol": "balance, Sobol",
-    "counts:sampler=sobol": "counts",
-    "auto:sampler=sobol": "auto",
-}
-"""Rules, and what the table calls them."""
-ABSOLUTE = {rule: f"{rule},error=absolute" for rule in ("counts:sampler=sobol", "auto:sampler=sobol")}
-"""Rules whose MSE is measured in place of these rules'."""
+CSV = ROOT / "docs" / "tables" / "paths.csv"
+SPP = 64
+FEWER = 16, 32
+"""Budgets of the figure of error against time."""
+DEPTH = 5
+SIZES = {"cornell": (200, 200), "ten-lights": (200, 150)}
+"""Resolutions of scenes that are not the thesis's."""
+SCENES = ("cornell", *TABLES, "ten-lights")
 MORE_SEEDS = {"cornell": 3, "killeroo-gold": 3}
 """Seeds more than for other scenes, where few paths have most of the error."""
+SKY, LAMPS = ("tt",), ("ten-lights",)
+"""Scenes with a sky, which compensation concerns, and with lamps enough for a light tree."""
+ROULETTE, TREE = "dmis.estimator.path.ROULETTE", "dmis.scene.plan.DEEPER_LIGHTS"
+"""Constants of the steps: first depth of Russian roulette, and least number of lamps for a tree."""
 
-opts, given = options(
-    __file__,
-    "rules in path tracing against the balance heuristic and the oracle",
-    seeds={"type": int, "default": 5, "help": "number of seeds (default 5)"},
-    page={"type": Path, "default": PAGE, "help": "the page whose tables are replaced"},
+
+@dataclass(frozen=True)
+class Variant:
+    """A rule, and what is switched off."""
+
+    label: str
+    rule: str
+    roulette: bool = True
+    tree: bool = True
+
+    @contextmanager
+    def constants(self) -> Iterator[None]:
+        """Set the constants, and put them back."""
+        off = [name for name, on in ((ROULETTE, self.roulette), (TREE, self.tree)) if not on]
+        old = {ROULETTE: 4, TREE: 4}
+        try:
+            for name in off:
+                set_constant(name, 1000)
+            yield
+        finally:
+            for name in off:
+                set_constant(name, old[name])
+
+
+PLAIN = "sampler=independent,compensation=0"
+VARIANTS = (
+    Variant("independent", f"balance:{PLAIN}", roulette=False, tree=False),
+    Variant("points", "balance:sampler=sobol,compensation=0", roulette=False, tree=False),
+    Variant("compensation", "balance:sampler=sobol", roulette=False, tree=False),
+    Variant("roulette", "balance:sampler=sobol", tree=False),
+    Variant("lights", "balance:sampler=sobol"),
+    Variant("counts", "counts:sampler=sobol"),
+    Variant("counts, absolute", "counts:sampler=sobol,error=absolute"),
+    Variant("auto", "auto:sampler=sobol"),
+    Variant("auto, absolute", "auto:sampler=sobol,error=absolute"),
 )
-SPP = opts.pick(16, 64)
-PATHS = dmis.Settings(integrator="path", max_depth=5)
+"""Steps in their order; where the MSE is measured, numbers and shares make it least."""
 
 
-# %%
-# One thread, CPU seconds, all rules in turns.
-efficient, bounds = [], []
-for name in ("cornell", *TABLES):
-    if name == "cornell":
-        scene = dmis.load_scene(name, resolution=opts.pick((16, 16), (200, 200)))
-    else:
-        scene = opts.scene(name, TABLES[name] * opts.pick(8, 1))
-    about = {"settings": PATHS, "parallel": 1}
-    reference = dmis.make_reference(scene, opts.pick(32, 512), progress=show("reference"), **about)
-    seeds = range(given.seeds + MORE_SEEDS.get(name, 0))
-    budgets = [(rule, SPP) for rule in (PINNED, *RULES, *ABSOLUTE.values())]
-    runs = measure(scene, budgets, seeds, reference, progress=show(name), **about)
-    efficiency = {
-        (rule, measure): np.array([getattr(run, measure) * run.cpu_seconds for run in runs[rule, spp]])
-        for rule, spp in budgets
-        for measure in MEASURES
-    }
+def concerns(variant: Variant, scene: str) -> bool:
+    """Return whether a variant renders another image than the step before."""
+    return {"compensation": scene in SKY, "lights": scene in LAMPS}.get(variant.label, True)
+
+
+def run_scene(name: str, scene: dmis.Scene, csv: Path, seeds: int, spp: int, reference_spp: int) -> None:
+    """Render what the file does not have yet."""
     width, height = scene.camera.resolution
-    row = f"| {scene.name} {width}×{height} |"
-    columns = [(ABSOLUTE.get(rule, rule) if m == "mse" else rule, m) for rule in RULES for m in MEASURES]
-    cells = [f"{bold(*ratio(efficiency[rule, m], efficiency[PINNED, m]))} |" for rule, m in columns]
-    efficient.append(" ".join([row, *cells]))
-    print(efficient[-1], flush=True)
-    strong = "balance:sampler=sobol"
-    print(
-        "over balance with Sobol points:",
-        *(f"{r} {m} {ratio(efficiency[r, m], efficiency[strong, m])}" for r, m in columns),
-    )
-    oracle = make_oracle(scene, opts.pick(16, 256), progress=show("oracle"), **about)
-    limits = oracle.limit(), oracle.spread_evenly(), oracle.limit_with_counts()
-    bounds.append(" ".join([row, *(f"{limit:.3f} |" for limit in limits)]))
-    print(bounds[-1], flush=True)
+    title = f"{name} {width}×{height}"
+    done = {(run.rule, run.spp, run.seed) for run in read_runs(csv).get(title, [])}
+    write = writer(csv, title)
+    settings = dmis.Settings(integrator="path", max_depth=DEPTH)
+    about = {"settings": settings, "parallel": 1}
+    wanted = [
+        (variant, budget, seed)
+        for budget in (spp, *(n for n in FEWER if n < spp))
+        for seed in range(seeds + (MORE_SEEDS.get(name, 0) if budget == spp else 0))
+        for variant in VARIANTS
+        if concerns(variant, name) and (budget == spp or variant.label in ("independent", "roulette", "auto"))
+    ]
+    wanted = [turn for turn in wanted if (turn[0].label, turn[1], turn[2]) not in done]
+    if not wanted:
+        return
+    reference = dmis.make_reference(scene, reference_spp, progress=show(f"reference of {name}"), **about)
+    for k, (variant, budget, seed) in enumerate(wanted):
+        with variant.constants():
+            fresh = (
+                dmis.load_scene(name, resolution=scene.camera.resolution)
+                if name in LAMPS and not variant.tree
+                else scene
+            )
+            runs = measure(fresh, [(variant.rule, budget)], [seed], reference, **about)
+        run = replace(runs[variant.rule, budget][0], rule=variant.label)
+        write(run)
+        print(
+            f"{k + 1}/{len(wanted)} {title} {variant.label} {budget} {seed}: relMSE {run.relmse:.3e}, "
+            f"MSE {run.mse:.3e}, {run.cpu_seconds:.2f} s",
+            flush=True,
+        )
 
-# %%
-# The tables go between two marks in the page.
-replace_table(
-    given.page,
-    f"paths {'original' if opts.scene_dir else 'shipped'}",
-    f"Made on {date.today()} with {given.seeds} seeds ({given.seeds + 3} of cornell and killeroo-gold), {SPP} samples "
-    f"per pixel, five surfaces deep, on {machine()}.",
-    "",
-    f"| scene | {' | '.join(f'{rule}, {error}' for rule in RULES.values() for error in MEASURES.values())} |",
-    "|---" * (2 * len(RULES) + 1) + "|",
-    *efficient,
-    "",
-    "What the oracle could save at equal samples with independent points; in the last column in equal time, by the "
-    "cost model, no pilot:",
-    "",
-    "| scene | weights | numbers of samples, at w = ½ | weights and numbers, equal time |",
-    "|---|---|---|---|",
-    *bounds,
-)
+
+def main() -> None:
+    """Measure."""
+    opts, given = options(
+        __file__,
+        "what each step saves in path tracing",
+        seeds={"type": int, "default": 5, "help": "number of seeds (default 5)"},
+        scenes={"nargs": "+", "default": list(SCENES), "help": "scenes (default: all)"},
+        csv={"type": Path, "default": CSV, "help": "rows of results"},
+    )
+    for name in given.scenes:
+        if name in SIZES:
+            small = opts.pick(12, 1)
+            scene = dmis.load_scene(name, resolution=tuple(side // small for side in SIZES[name]))
+        else:
+            scene = opts.scene(name, TABLES[name] * opts.pick(8, 1))
+        run_scene(name, scene, given.csv, given.seeds, opts.pick(8, SPP), opts.pick(32, 512))
+
+
+if __name__ == "__main__":
+    main()

@@ -12,19 +12,20 @@ good. So the distribution of the true logarithms of the ratios is estimated from
 errors, by maximum likelihood on a grid of steps of 0.1. A patch is harmed if it belongs to a point above 0: its ratio
 is above 1.05, the least that so many renders can tell from 1. Patches whose pixels all have 1:1 are not harmed. *Their
 error* is the share of the image's variance with 1:1 that harmed patches have. The same for two halves of the renders
-with 1:1, where nothing is harmed, shows the noise that is left.
+with 1:1, where nothing is harmed, shows the noise that is left. Rows go to docs/tables/pattern-harm.csv.
 """
 
 import sys
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-from common import SCENES, machine, options
+from common import ROOT, SCENES, options
+from pieces import FOUR
+from rows import markdown, read_rows, write_rows
 
 import dmis
 from dmis.base.patches import PATCH, patch_sum
@@ -42,21 +43,16 @@ SHRINK = {"teapot-area-light": 10, "killeroo-diffuse": 16, "killeroo-gold": 16, 
 GRID = np.arange(-60, 31) / 10
 """Logarithms of true ratios."""
 
-opts, given = options(
-    __file__,
-    "share of patches that the pattern of auto makes worse",
-    budget={"type": int, "default": 128, "help": "camera samples per pixel from which auto chooses (default 128)"},
-    samples={"type": int, "default": 16, "help": "camera samples of each pixel in V (default 16)"},
-    seeds={"type": int, "default": 24, "help": "renders with each choice, and twice as many with 1:1 (default 24)"},
-    pilots={"type": int, "default": 1, "help": "choices of auto (default 1)"},
-    scenes={"nargs": "+", "default": list(SHRINK), "help": "only these scenes"},
-)
+CSV = ROOT / "docs" / "tables" / "pattern-harm.csv"
+FIELDS = ("scene", "patches", "ratio", "at 1:1", "at 2:2", "worse", "worse error", "of variance", "null", "null error")
+BUDGET, SAMPLES = 128, 16
+"""Camera samples per pixel from which auto chooses, and camera samples of each pixel in V."""
 
 
 def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the pattern of each pixel that `auto` chooses, and its cost over that of 1:1."""
-    job = resolve(scene, "auto", given.budget, seed, dmis.Settings(sampler="sobol"))
-    assert isinstance(job.rule, Auto), f"no first round of {scene.name}, {given.budget} spp"
+    job = resolve(scene, "auto", BUDGET, seed, dmis.Settings(sampler="sobol"))
+    assert isinstance(job.rule, Auto), f"no first round of {scene.name}, {BUDGET} spp"
     rounds = job.rule.rounds(job.budget)
     with Passes(job, 1) as passes:
         pilot = passes.render(next(rounds))
@@ -71,8 +67,8 @@ def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
     """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
     patterns = PatternMap(PATTERNS, pattern)
-    job = resolve(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
-    equal_numbers = Round(given.samples, shares_of(0.5), job.settings, patterns=patterns, stage="final")
+    job = resolve(scene, "balance", SAMPLES, 0, dmis.Settings(sampler="sobol", compensation=0.9))
+    equal_numbers = Round(SAMPLES, shares_of(0.5), job.settings, patterns=patterns, stage="final")
     images = []
     for seed in seeds:
         with Passes(replace(job, seed=seed), 1) as passes:
@@ -114,42 +110,77 @@ def share_above(
     return float(share), float(np.std([s for s, _ in shares[1:]], ddof=1)), float(of_weight)
 
 
-# %%
-# One scene after the other, on one thread.
-def harm(ratio: np.ndarray, error: np.ndarray, base: np.ndarray, unharmed: np.ndarray) -> list[str]:
-    """Return the share of all patches that are harmed, with its standard error, and their share of the variance."""
-    harmed = ~unharmed
-    rng = np.random.default_rng(1)
-    share, share_error, of_base = share_above(np.log(ratio[harmed]), error[harmed], base[harmed], rng)
-    part, of_all = np.mean(harmed), base[harmed].sum() / base.sum()
-    return [f"{share * part:.1%} ± {share_error * part:.1%}", f"{of_base * of_all:.1%}"]
+def harm(ratio: np.ndarray, error: np.ndarray, base: np.ndarray, harmed: np.ndarray) -> tuple[float, float, float]:
+    """Return the share of all patches that are harmed, its standard error, and their share of the variance.
+
+    `harmed` are the patches that can be: others have 1:1 everywhere.
+    """
+    share, share_error, of_base = share_above(
+        np.log(ratio[harmed]), error[harmed], base[harmed], np.random.default_rng(1)
+    )
+    part = np.mean(harmed)
+    return share * part, share_error * part, of_base * base[harmed].sum() / base.sum()
 
 
-columns = "scene", "lit patches", "V·Cᵃ over 1:1", "pixels at 1:1", "at 2:2", "harmed", "their error", "halves of 1:1"
-print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|")
-for name in given.scenes:
-    size = (side // (SHRINK[name] * opts.pick(4, 1)) // PATCH * PATCH for side in SCENES[name].size)
-    scene = dmis.load_scene(name, resolution=tuple(size))
+def judge(name: str, scene: dmis.Scene, seeds: int) -> dict[str, object]:
+    """Return the row of a scene: what the pattern of `auto` does to its patches."""
     shape = scene.camera.resolution[::-1]
-    equal = squared_deviations(scene, np.full(shape, EQUAL, np.uint8), range(1000, 1000 + 2 * given.seeds))
+    equal = squared_deviations(scene, np.full(shape, EQUAL, np.uint8), range(1000, 1000 + 2 * seeds))
     half, other = (patch_worth(equal[k::2], np.ones(shape)) for k in (0, 1))
     lit = (half[0] > 0) & (other[0] > 0)
-    rows = []
-    for pilot in range(given.pilots):
-        pattern, cost = choose(scene, pilot)
-        begin = 2000 + pilot * given.seeds
-        squares = squared_deviations(scene, pattern, range(begin, begin + given.seeds))
-        worth, error = patch_worth(squares, cost**EXPONENT)
-        base, base_error = patch_worth(equal, np.ones(shape))
-        unharmed = patch_sum((pattern != EQUAL).astype(float), PATCH).reshape(-1) == 0
-        of_patches = (worth / np.maximum(base, 1e-300), np.hypot(error, base_error), base, unharmed)
-        rows.append([a[lit & (worth > 0)] for a in of_patches])
-        numbers = worth.sum() / base.sum(), (pattern == EQUAL).mean(), (pattern == FIRST).mean()
-    of_all = (np.concatenate(a) for a in zip(*rows, strict=True))
+    pattern, cost = choose(scene, 0)
+    worth, error = patch_worth(squared_deviations(scene, pattern, range(2000, 2000 + seeds)), cost**EXPONENT)
+    base, base_error = patch_worth(equal, np.ones(shape))
+    changed = patch_sum((pattern != EQUAL).astype(float), PATCH).reshape(-1) > 0
+    some = lit & (worth > 0)
+    ratio = worth / np.maximum(base, 1e-300)
+    worse = harm(ratio[some], np.hypot(error, base_error)[some], base[some], changed[some])
     null_ratio, null_error = half[0] / np.maximum(other[0], 1e-300), np.hypot(half[1], other[1])
-    null = harm(null_ratio[lit], null_error[lit], half[0][lit], np.zeros(lit.sum(), bool))
-    cells = [f"{name} {'×'.join(map(str, scene.camera.resolution))}", f"{lit.sum()}", f"{numbers[0]:.2f}"]
-    cells += [f"{numbers[1]:.0%}", f"{numbers[2]:.0%}", *harm(*of_all), null[0]]
-    print("| " + " | ".join(cells) + " |", flush=True)
-number = f"{given.pilots} choice{'s' * (given.pilots > 1)} and {given.seeds} seeds"
-print(f"Made on {date.today()} with {number}, on {machine()}.")
+    null = harm(null_ratio[lit], null_error[lit], half[0][lit], np.ones(lit.sum(), bool))
+    title = "{} {}×{}".format(name, *scene.camera.resolution)
+    numbers = worth.sum() / base.sum(), (pattern == EQUAL).mean(), (pattern == FIRST).mean(), *worse, *null[:2]
+    return dict(zip(FIELDS, (title, lit.sum(), *(f"{number:.5g}" for number in numbers)), strict=True))
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the block."""
+    lines = []
+    for row in sorted(read_rows(CSV), key=lambda row: FOUR.index(row["scene"].split()[0])):
+        value = {field: float(row[field]) for field in FIELDS[1:]}
+        lines.append(
+            [
+                row["scene"],
+                row["patches"],
+                f"{value['ratio']:.2f}",
+                f"{value['at 1:1']:.0%}",
+                f"{value['at 2:2']:.0%}",
+                f"{value['worse']:.1%} ± {value['worse error']:.1%}",
+                f"{value['of variance']:.1%}",
+                f"{value['null']:.1%} ± {value['null error']:.1%}",
+            ]
+        )
+    head = ["scene", "lit patches", "V·Cᵃ over 1:1", "pixels at 1:1", "at 2:2", "worse", "their error", "by chance"]
+    return {"measurements.md: pattern harm": markdown(head, lines)}
+
+
+def main() -> None:
+    """Measure, one scene after the other, on one thread."""
+    opts, given = options(
+        __file__,
+        "share of patches that the pattern of auto makes worse",
+        seeds={"type": int, "default": 24, "help": "renders with each choice, and twice as many with 1:1 (default 24)"},
+        scenes={"nargs": "+", "default": list(SHRINK), "help": "only these scenes"},
+        csv={"type": Path, "default": CSV, "help": "rows of results"},
+    )
+    rows: list = read_rows(given.csv)
+    for name in given.scenes:
+        size = (side // (SHRINK[name] * opts.pick(4, 1)) // PATCH * PATCH for side in SCENES[name].size)
+        scene = dmis.load_scene(name, resolution=tuple(size))
+        if not any(row["scene"] == "{} {}×{}".format(name, *scene.camera.resolution) for row in rows):
+            rows.append(judge(name, scene, given.seeds))
+            print(rows[-1], flush=True)
+            write_rows(given.csv, rows, FIELDS)
+
+
+if __name__ == "__main__":
+    main()

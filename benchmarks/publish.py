@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import ast
-import csv
 import hashlib
 import shlex
 import subprocess
@@ -34,6 +33,7 @@ sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples"), str(ROOT / "ex
 import frozen
 from common import machine, replace_table
 from pieces import PIECES, Piece
+from rows import markdown, read_rows, write_rows
 
 import dmis
 
@@ -78,7 +78,6 @@ def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
 
 def write_published() -> None:
     """Write `PAGE`: each piece, its command, and where and when it was made."""
-    rows = read_rows(PUBLISHED)
     commands = {piece.name: piece.command for piece in PIECES}
     lines = [
         "# What was published when",
@@ -86,32 +85,23 @@ def write_published() -> None:
         "After this page you know by which command, at which commit and on which machine each table and picture was",
         "made. `make publish` makes those that are older than the renders or the script that decide them.",
         "",
-        "| piece | command: python … | commit | date | minutes | machine |",
-        "|---|---|---|---|---|---|",
     ]
-    for row in rows:
-        cells = (row["piece"], f"`{commands.get(row['piece'], '–')}`", row["commit"], row["date"], row["minutes"])
-        lines.append(f"| {' | '.join((*cells, row['machine']))} |")
+    cells = [
+        [
+            row["piece"],
+            f"`{commands.get(row['piece'], '–')}`",
+            row["commit"],
+            row["date"],
+            row["minutes"],
+            row["machine"],
+        ]
+        for row in read_rows(PUBLISHED)
+    ]
+    lines += markdown(["piece", "command: python …", "commit", "date", "minutes", "machine"], cells)
     PAGE.write_text("\n".join(lines) + "\n", "utf-8")
 
 
 # Ages ---------------------------------------------------------------------------------------------------------------
-
-
-def read_rows(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table; none if there is no file."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def write_rows(path: Path, fields: Sequence[str], rows: Iterable[dict[str, str]]) -> None:
-    """Write a table."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, fields, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
 
 
 def code_digest(script: str) -> str:
@@ -151,7 +141,7 @@ def update_renders() -> bool:
         if old.get(name) != found:
             rows.append({"serial": str(serial), "render": name, "hash": found, "machine": here})
     print(file=sys.stderr)
-    write_rows(RENDERS, ("serial", "render", "hash", "machine"), rows)
+    write_rows(RENDERS, rows, ("serial", "render", "hash", "machine"))
     return bool(old)
 
 
@@ -198,7 +188,8 @@ def record(piece: Piece, minutes: float | None = None, commit: str = "") -> None
         "files": files_digest(piece),
     }
     order = {known.name: n for n, known in enumerate(PIECES)}
-    write_rows(PUBLISHED, FIELDS, sorted(published.values(), key=lambda row: order.get(row["piece"], len(order))))
+    rows = sorted(published.values(), key=lambda row: order.get(row["piece"], len(order)))
+    write_rows(PUBLISHED, rows, FIELDS)
 
 
 # Making -------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,58 @@
+"""Rows of CSV files in docs/tables: an interrupted measurement continues, and a table can be made again."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+
+from dmis.experiment.runs import Run
+
+COLUMNS = ("scene", *(field.name for field in fields(Run)))
+KINDS = {field.name: {"int": int, "float": float, "str": str}[str(field.type)] for field in fields(Run)}
+"""Types of the columns of a run."""
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a file; none if there is no file."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def write_rows(path: Path, rows: Iterable[Mapping[str, object]], fields: Sequence[str]) -> None:
+    """Write a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, fields, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table."""
+    return [f"| {' | '.join(head)} |", "|---" * len(head) + "|", *(f"| {' | '.join(row)} |" for row in rows)]
+
+
+def read_runs(path: Path) -> dict[str, list[Run]]:
+    """Return the runs of each scene in a file, none if there is no file; scenes are named as ``tt 300×167``."""
+    runs: dict[str, list[Run]] = {}
+    for row in read_rows(path):
+        scene = row.pop("scene")
+        runs.setdefault(scene, []).append(Run(**{key: KINDS[key](text) for key, text in row.items()}))
+    return runs
+
+
+def writer(path: Path, scene: str) -> Callable[[Run], None]:
+    """Return a function that adds a run of a scene to a file, which it makes first if there is none."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(",".join(COLUMNS) + "\n", "utf-8")
+
+    def write(run: Run) -> None:
+        with path.open("a", newline="", encoding="utf-8") as file:
+            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow({"scene": scene, **asdict(run)})
+
+    return write

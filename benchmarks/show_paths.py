@@ -1,0 +1,71 @@
+"""Tables of docs/paths.md from the rows of make_path_table.py."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from common import ROOT, bold
+from pieces import FOUR
+from rows import markdown, read_runs
+
+from dmis.experiment.convergence import MEASURES, Measure
+from dmis.experiment.metrics import ratio
+from dmis.experiment.runs import Run
+
+CSV = ROOT / "docs" / "tables" / "paths.csv"
+SPP = 64
+SCENES = ("cornell", *FOUR, "ten-lights")
+BEFORE = {"compensation": "points", "roulette": "compensation", "lights": "roulette", "counts": "lights"}
+"""The step before; where a scene does not have that step, the one before it."""
+STEPS = {
+    "Sobol / independent points": ("points", "independent"),
+    "sky compensation": ("compensation", "points"),
+    "Russian roulette": ("roulette", "compensation"),
+    "light tree": ("lights", "roulette"),
+    "numbers of samples": ("counts", "lights"),
+    "learned shares": ("auto", "counts"),
+    "all": ("auto", "independent"),
+    "`auto` / `balance`": ("auto", "lights"),
+}
+"""Steps: what is measured, and what it is compared with; the last compares with Sobol points and all settings."""
+
+
+@cache
+def measured() -> dict[str, dict[str, list[Run]]]:
+    """Return the runs of each scene by what is switched on."""
+    order = {scene: n for n, scene in enumerate(SCENES)}
+    scenes: dict[str, dict[str, list[Run]]] = {}
+    for scene, runs in sorted(read_runs(CSV).items(), key=lambda item: order[item[0].split()[0]]):
+        budget = max(run.spp for run in runs)
+        for run in runs:
+            if run.spp == budget:
+                scenes.setdefault(scene, {}).setdefault(run.rule, []).append(run)
+    return scenes
+
+
+def over(scene: str, label: str, base: str, measure: Measure) -> tuple[float, float] | None:
+    """Return error times CPU seconds over that of another, and half of the interval; None without such a step."""
+    runs = measured()[scene]
+    if label not in runs:
+        return None
+    while base not in runs:
+        base = BEFORE[base]
+    if measure == "mse":
+        label, base = (f"{name}, absolute" if name in ("counts", "auto") else name for name in (label, base))
+    costs = [np.array([getattr(run, measure) * run.cpu_seconds for run in runs[name]]) for name in (label, base)]
+    return ratio(*costs)
+
+
+def steps(measure: Measure) -> list[str]:
+    """Return the table of `STEPS` by a measure; a dash where a step changes nothing."""
+    lines = []
+    for scene in measured():
+        values = [over(scene, *pair, measure) for pair in STEPS.values()]
+        lines.append([scene, *("–" if value is None else bold(*value) for value in values)])
+    return markdown([MEASURES[measure], *STEPS], lines)
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the block."""
+    return {"paths.md: steps by paths": [*steps("relmse"), "", *steps("mse")]}

@@ -1,0 +1,126 @@
+"""Tables of README, docs/measurements.md and docs/tables.md from the rows of make_points_table.py."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+from common import ROOT
+from equal_time import equal_time_ratio
+from pieces import FOUR
+from rows import markdown, read_runs
+
+from dmis.experiment.convergence import MEASURES, Interval, Measure
+from dmis.experiment.runs import Run
+
+CSV = ROOT / "docs" / "tables" / "points.csv"
+PLAIN, PLAIN_SOBOL = "balance:sampler=independent,compensation=0", "balance:sampler=sobol,compensation=0"
+PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
+COUNTS, AUTO = "counts:sampler=sobol", "auto:sampler=sobol"
+ABSOLUTE = {rule: f"{rule},error=absolute" for rule in (COUNTS, AUTO)}
+"""Rules whose MSE is measured in place of these rules'."""
+RULES = {
+    "pbrt:sampler=sobol": "power heuristic",
+    "fixed:1,sampler=sobol": "light samples alone",
+    COUNTS: "`counts`",
+    AUTO: "`auto`",
+}
+"""Rules of the full table over `balance` with Sobol points, and what it calls them."""
+STEPS = {
+    "Sobol / independent points": (PLAIN_SOBOL, PLAIN),
+    "sky compensation": (SOBOL, PLAIN_SOBOL),
+    "numbers of samples": (COUNTS, SOBOL),
+    "learned shares": (AUTO, COUNTS),
+    "all four": (AUTO, PLAIN),
+}
+"""Steps from the thesis's baseline to `auto`: a rule, and the rule that it is compared with."""
+SKY = ("tt",)
+"""Scenes with a sky: on the others compensation changes no bit, and is not rendered."""
+HELD_OUT = ("veach-mis", "ten-lights")
+SPP = 128
+"""Budget of the steps and of README."""
+
+
+@cache
+def measured() -> dict[str, dict[tuple[str, int], list[Run]]]:
+    """Return the runs of each scene by rule and samples per pixel; those without a sky stand for both settings."""
+    scenes: dict[str, dict[tuple[str, int], list[Run]]] = {}
+    order = (*FOUR, *HELD_OUT)
+    for scene, runs in sorted(read_runs(CSV).items(), key=lambda item: order.index(item[0].split()[0])):
+        of_scene = scenes.setdefault(scene, {})
+        for run in runs:
+            of_scene.setdefault((run.rule, run.spp), []).append(run)
+        if scene.split()[0] not in SKY:
+            for plain, rule in ((PLAIN, PINNED), (PLAIN_SOBOL, SOBOL)):
+                of_scene |= {(plain, spp): runs for (name, spp), runs in of_scene.items() if name == rule}
+    return scenes
+
+
+def over(scene: str, rule: str, base: str, measure: Measure, spp: int = SPP) -> Interval:
+    """Return the error of a rule over that of another in equal CPU time.
+
+    That of independent points falls as 1 / time, and needs one budget.
+    """
+    runs = measured()[scene]
+    if measure == "mse":
+        rule, base = ABSOLUTE.get(rule, rule), ABSOLUTE.get(base, base)
+    budgets = [of for (name, n), of in runs.items() if name == base and (n == spp or base not in (PLAIN, PINNED))]
+    return equal_time_ratio(runs[rule, spp], budgets, measure)
+
+
+def cell(value: float, low: float, high: float) -> str:
+    """Return a ratio and its interval, bold if all of it is below 1."""
+    text = f"{value:.3f} ({low:.3f}–{high:.3f})"
+    return f"**{text}**" if high < 1 else text
+
+
+def title(scene: str) -> str:
+    """Return the first cell of a row."""
+    return f"{scene}, held out" if scene.split()[0] in HELD_OUT else scene
+
+
+def steps(measure: Measure) -> list[str]:
+    """Return the table of `STEPS` by a measure; a dash where a step changes nothing."""
+    rows = []
+    for scene in measured():
+        skies = scene.split()[0] in SKY
+        pairs = [("–" if name == "sky compensation" and not skies else pair) for name, pair in STEPS.items()]
+        rows.append([title(scene), *(p if isinstance(p, str) else cell(*over(scene, *p, measure)) for p in pairs)])
+    return markdown([f"{MEASURES[measure]}", *STEPS], rows)
+
+
+def all_budgets() -> list[str]:
+    """Return the table of all rules by scene and budget: first Sobol over independent points."""
+    budgets = sorted({spp for of in measured().values() for rule, spp in of if rule == AUTO})
+    rows = []
+    for scene in measured():
+        lines = {"Sobol / independent points": (SOBOL, PINNED)} | {name: (rule, SOBOL) for rule, name in RULES.items()}
+        for name, pair in lines.items():
+            cells = [cell(*over(scene, *pair, measure, spp)) for spp in budgets for measure in MEASURES]
+            rows.append([title(scene), name, *cells])
+    titles = [f"{spp} spp, {error}" for spp in budgets for error in MEASURES.values()]
+    return markdown(["scene", "rule", *titles], rows)
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the blocks."""
+    return {
+        "measurements.md: steps": [*steps("relmse"), "", *steps("mse")],
+        "tables.md: points": all_budgets(),
+    }
+
+
+def mean_of(step: str, measure: Measure) -> float:
+    """Return the geometric mean of a step over the scenes that it concerns."""
+    scenes = [s for s in measured() if step != "sky compensation" or s.split()[0] in SKY]
+    return math.exp(sum(math.log(over(scene, *STEPS[step], measure).value) for scene in scenes) / len(scenes))
+
+
+def percent(ratio: float) -> str:
+    """Return a ratio in percent."""
+    return f"{100 * ratio:.0f} %"
+
+
+def saved(ratio: float) -> str:
+    """Return what a ratio saves, in percent."""
+    return percent(1 - ratio)
