@@ -54,7 +54,7 @@ def over(scene: str, label: str, base: str, measure: Measure) -> tuple[float, fl
     if measure == "mse":
         label, base = (f"{name}, absolute" if name in ("counts", "auto") else name for name in (label, base))
     costs = [np.array([getattr(run, measure) * run.cpu_seconds for run in runs[name]]) for name in (label, base)]
-    return ratio(*costs)
+    return ratio(costs[0], costs[1])
 
 
 def steps(measure: Measure) -> list[str]:
