@@ -116,36 +116,34 @@ def _flag(text: str, group: str = "") -> dict[str, Any]:
 POSITIVE = _number(1e30, 1e-30, float)
 RESOLUTION = _numbers("WIDTHxHEIGHT with the letter x, such as 342x256", _number(MAX_SIDE), (2,), "x")
 """Parser of the width and height of an image."""
-PLUGIN_HELP = "import this Python file first, so that what it registers has names (repeatable)"
+PLUGIN_HELP = "import this Python file first, to know the rules and samplers that it registers (repeatable)"
 PLUGIN = {"--plugin": _option(PLUGIN_HELP, default=[], action="append", metavar="FILE.py")}
 SCENE = {
     "scene": _option("a pbrt file, a mesh file, or the name of a scene that comes with dmis"),
-    "--resolution": _option("pixels (default: as the scene says)", RESOLUTION, metavar="WxH"),
-    "--dialect": _option("version of pbrt files (default: recognised by their words)", choices=("v2", "v3", "v4")),
+    "--resolution": _option("pixels (default: those of the scene)", RESOLUTION, metavar="WxH"),
+    "--dialect": _option("version of a pbrt file (default: recognised from the file)", choices=("v2", "v3", "v4")),
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
-    "--up": _option("axis of a model that is up (default: y; PLY and STL: z)", choices=("y", "z")),
+    "--up": _option("axis of a model that points up (default: y; PLY and STL: z)", choices=("y", "z")),
     "--camera": _option(
-        "camera of a model's file, by name or number from 0 on (default: its first; else one that sees all)",
+        "camera in a model's file, by name or number from 0 on (default: the first, or a camera that sees all)",
         group="view",
         metavar="NAME",
     ),
     "--look-at": _option(
-        "place of a camera for a model, and the point in the middle of its image",
+        "position of the camera for a model, and the point in the middle of the image",
         float,
         nargs=6,
         group="view",
         metavar=("X", "Y", "Z", "X", "Y", "Z"),
     ),
-    "--fov": _option(
-        "angle of the camera of a model across the shorter side of the image, in degrees", float, metavar="F"
-    ),
-    "--light": _option("sky of a model, for its lights but surfaces: an image file, or 'R G B'", metavar="SKY"),
+    "--fov": _option("field of view across the shorter side of the image, in degrees", float, metavar="F"),
+    "--light": _option("sky that replaces a model's lights except surfaces: an image file or 'R G B'", metavar="SKY"),
     "--material": _option(
         "material that replaces all materials of a model, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'",
         metavar="M",
     ),
 }
-AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say")}
+AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless given here")}
 SPP_LIST = _numbers("", _number(2**63), range(1, 2**16))
 CROP = _numbers("x0,y0,x1,y1 in pixels, such as 0,0,64,48", _number(MAX_SIDE, 0), (4,))
 PIXEL = _numbers("x,y in pixels, such as 120,80", _number(MAX_SIDE, 0), (2,))
@@ -161,16 +159,16 @@ FOLDER: dict[str, Any] = {"parse": Path, "required": True, "metavar": "DIR"}
 COMMANDS: Mapping[str, tuple[str, Options]] = {
     "render": ("render a scene to an EXR file with layers", {
         **SCENE,
-        OUTPUT: _option("image with its layers; or OUT.png, a preview alone", required=True, metavar="OUT.exr"),
+        OUTPUT: _option("image with layers; or OUT.png for a preview alone", required=True, metavar="OUT.exr"),
         "--png": _option("also write a preview image", metavar="OUT.png"),
         "--exposure": _option(
-            "factor of the preview (default 1; of a model with lights, by its image)", POSITIVE, metavar="X"
+            "brightness factor of the preview (default 1; automatic for a model with lights)", POSITIVE, metavar="X"
         ),
         "--crop": _option("window of the image in pixels, x1 and y1 excluded", CROP, metavar="x0,y0,x1,y1"),
         "--layers": _option("more layers, such as albedo,normal,direct,light:0 (docs/cli.md)", metavar="NAME,NAME,..."),
-        "--spp": _option("camera samples per pixel, pilot included (default 128); the most with the next two", int),
-        "--noise": _option("double the samples until the root of the estimated relMSE is X", float, metavar="X"),
-        "--seconds": _option("double the samples as long as it takes at most S seconds", float, metavar="S"),
+        "--spp": _option("camera samples per pixel, pilot included (default 128); maximum for --noise, --seconds", int),
+        "--noise": _option("double the samples until the root of the estimated relMSE is <= X", float, metavar="X"),
+        "--seconds": _option("double the samples unless this would exceed S seconds", float, metavar="S"),
         "--rule": _option(RULES_HELP),
         "--seed": _option("seed of the random numbers (default 0)", SEED, 0),
         **settings_options(),
@@ -178,17 +176,17 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **THREADS,
         "--workers": _option("number of processes, in place of threads", WORKERS, metavar="N", group="executor"),
         "--cluster": _option("Dask scheduler, such as tcp://10.0.0.1:8786", metavar="ADDRESS", group="executor"),
-        "--checkpoint": _option("folder for finished tiles, from which a render is resumed", metavar="DIR"),
+        "--checkpoint": _option("folder for finished tiles; the same command resumes a render", metavar="DIR"),
         "--stats": _option("also write seconds, rays, memory and the time in Embree", metavar="FILE.json"),
         **QUIET,
         **VERBOSE,
     }),
     "compare": ("compare rules on one scene or several: error, time, rays", {
         **SCENE,
-        "scene": _option("scenes; of several each has its own folder in DIR", nargs="+", metavar="SCENE"),
+        "scene": _option("one scene, or several with a folder for each in DIR", nargs="+", metavar="SCENE"),
         OUTPUT: _option("output directory; an existing comparison in it is resumed", **FOLDER),
         "--rules": _option("rules separated by commas, or all (default %(default)s)", str, "balance,thesis,auto"),
-        "--spp": _option("camera samples per pixel of each budget (default 128)", SPP_LIST, metavar="N,N,..."),
+        "--spp": _option("budgets of camera samples per pixel (default 128)", SPP_LIST, metavar="N,N,..."),
         "--seeds": _option("number of seeds, from --seed on (default 5)", _number(10_000), 5, metavar="K"),
         "--seed": _option("first seed (default 0)", SEED, 0),
         **settings_options(),
@@ -196,14 +194,14 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "--reference": _option(".exr or .npy file (default: rendered once, then cached)", Path, metavar="REF"),
         "--reference-spp": _option("camera samples per pixel of each half of a reference (default 1024)", int, 1024),
         "--crop": _option("window of the errors in pixels, x1 and y1 excluded", CROP, metavar="x0,y0,x1,y1"),
-        "--oracle-spp": _option("also render the oracle, with N samples per pixel, or read it", int, metavar="N"),
+        "--oracle-spp": _option("also render the oracle, N samples per pixel, or read the cache", int, metavar="N"),
         **THREADS,
         **QUIET,
         **VERBOSE,
     }),
     "figure": ("draw a figure of a comparison for a paper: the image, and crops of each rule", {
         "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
-        OUTPUT: _option("figure: .pdf, .png, or a page with linked zoom, .html", Path, required=True, metavar="FILE"),
+        OUTPUT: _option("figure: .pdf, .png, or an .html page with linked zoom", Path, required=True, metavar="FILE"),
         "--rules": _option("rules separated by commas (default: all)", str, "", metavar="A,B,..."),
         "--crops": _option(
             "windows x,y,w,h in pixels, of one size (default auto: two, where the rules differ most)", str,
@@ -218,32 +216,32 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
         OUTPUT: _option("table: .tex, .md or .csv", Path, required=True, metavar="FILE"),
     }),
-    "diff": ("say how far an image is from another: MSE, relMSE, FLIP", {
+    "diff": ("measure the error of one image against another: MSE, relMSE, FLIP", {
         "image": _option("EXR or .npy file", Path, metavar="A.exr"),
-        "reference": _option("EXR or .npy file that it is measured against", Path, metavar="B.exr"),
-        "--metric": _option("of the map (default %(default)s)", str, "relmse", choices=tuple(METRICS)),
+        "reference": _option("EXR or .npy file of the reference", Path, metavar="B.exr"),
+        "--metric": _option("error drawn in the map (default %(default)s)", str, "relmse", choices=tuple(METRICS)),
         OUTPUT: _option("also draw a map of the errors", Path, metavar="MAP.png"),
     }),
-    "oracle": ("compute what the best weights and numbers of samples of a scene would save", {
+    "oracle": ("compute how much the best weights and numbers of samples would save", {
         **SCENE,
         OUTPUT: _option("output directory of table and plots", **FOLDER),
         "--spp": _option("camera samples per pixel, a multiple of 4 (default 2048)", int, 2048),
-        "--weigh": _option("what w is: a share of samples (default) or the heuristic's", str, WEIGH[0], choices=WEIGH),
+        "--weigh": _option("meaning of w: share of samples (default), or heuristic", str, WEIGH[0], choices=WEIGH),
         **settings_options("sampler", "preset"),
         **THREADS,
         **QUIET,
     }),
-    "play": ("write a page to paint weights on, which shows the error times time that they would have", {
+    "play": ("write a page to paint weights on, which shows the resulting error times time", {
         **SCENE,
-        OUTPUT: _option("page for a browser, which needs no network", Path, required=True, metavar="OUT.html"),
+        OUTPUT: _option("page for a browser, usable offline", Path, required=True, metavar="OUT.html"),
         "--resolution": _option("pixels (default 160x120)", RESOLUTION, (160, 120), metavar="WxH"),
-        "--spp": _option("samples per pixel of curves, a multiple of 4 (default 2048)", int, 2048),
+        "--spp": _option("camera samples per pixel for the curves, a multiple of 4 (default 2048)", int, 2048),
         "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _number(65_536), 4),
         **settings_options("sampler", "preset"),
         **THREADS,
         **QUIET,
     }),
-    "explain": ("say why a pixel is noisy: its variance, where it comes from, its largest samples", {
+    "explain": ("print why a pixel is noisy: its variance, the causes, its largest samples", {
         **SCENE,
         "pixel": _option("column and row of the pixel, from the top left", PIXEL, metavar="x,y"),
         OUTPUT: _option("also draw the figure", Path, metavar="OUT.png"),
@@ -251,7 +249,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "--seed": _option("seed of the random numbers (default 0)", SEED, 0),
         **settings_options("sampler", "preset"),
     }),
-    "info": ("print versions, and the plan of a scene: what it needs, what is left out", {
+    "info": ("print versions, and the plan of a scene: the work to do and to skip", {
         **SCENE,
         "scene": _option("scene whose plan is printed (default: versions only)", nargs="?"),
         "--rules": _flag("list the rules, with the options of each"),
@@ -265,28 +263,28 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         ),
     }),
     "doctor": ("find faults of multiple importance sampling in a table of any renderer's samples", {
-        "table": _option("file of shading samples (docs/doctor.md has its columns)", metavar="SAMPLES.npz"),
+        "table": _option("file of shading samples (docs/doctor.md lists the columns)", metavar="SAMPLES.npz"),
         "--report": _option("also write a page for a browser", Path, metavar="OUT.html"),
     }),
-    "bench": ("measure the time of renders against that in their Embree calls", {
+    "bench": ("compare the time of renders with the time spent in Embree", {
         "scenes": _option("scenes (default: those that come with dmis)", nargs="*", metavar="SCENE"),
         "--rules": _option("rules separated by commas (default %(default)s)", str, "balance,thesis"),
         "--resolution": _option("pixels (default 342x256)", RESOLUTION, (342, 256), metavar="WxH"),
         "--spp": _option("camera samples per pixel (default 64)", int, 64),
         **settings_options(),
         "--threads": _option("number of threads (default 1)", WORKERS, 1),
-        "--repeats": _option("renders of each scene and rule, of which medians are printed (default 3)", int, 3),
+        "--repeats": _option("renders of each scene and rule; medians are printed (default 3)", int, 3),
         "--seed": _option("first seed (default 0)", SEED, 0),
     }),
     "bench-rules": ("score weight rules on MIS-Bench, without rendering", {
-        "rules": _option("Python files of rules, or rules (default: the table of results)", nargs="*", metavar="RULE"),
+        "rules": _option("Python files or names of rules (default: those of the page)", nargs="*", metavar="RULE"),
         "--scenes": _option(
             "scenes or data files separated by commas, such as small,kitchen.npz (default: all eight)", str,
             ",".join(BENCH_SCENES),
         ),
-        "--render": _flag("also render what the rules learned with Sobol points, and print it over balance"),
+        "--render": _flag("also render the learned shares with Sobol points, and print errors over balance"),
         "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(100), 4, metavar="K"),
-        "--format": _option("of the tables (default %(default)s)", str, "text", choices=STYLES),
+        "--format": _option("format of the tables (default %(default)s)", str, "text", choices=STYLES),
     }),
 }  # fmt: skip
 """Summary and options of each command."""

@@ -21,9 +21,9 @@ def check(options: argparse.Namespace) -> int:
     module = sys.modules[file.stem]
     subjects = find(module)
     if not subjects:
-        raise ValueError(f"{file} must define something to check; it has nothing of: {RECOGNISED}")
+        raise ValueError(f"{file} must define something to check; it defines none of: {RECOGNISED}")
     if options.albedo and all(subject.kind != "lobe" for subject in subjects):
-        raise ValueError(f"--albedo is that of lobes, of which {file} has none")
+        raise ValueError(f"--albedo applies to lobes, but {file} defines none")
     outcomes: list[Outcome] = []
     for subject in subjects:
         say(f"{subject.kind} {subject.name}")

@@ -92,7 +92,7 @@ def _compare(options: argparse.Namespace) -> int:
         raise ValueError(f"scenes must have different names, which are those of their folders; got {', '.join(names)}")
     many = len(names) > 1
     if many and options.reference is not None:
-        raise ValueError(f"--reference is of one scene; got {len(names)}. Leave it out, and references are rendered")
+        raise ValueError(f"--reference needs one scene; got {len(names)}. Without --reference dmis renders references")
     folders = [options.output / name if many else options.output for name in names]
     for folder in folders:
         check_output(folder)  # before a reference is rendered
@@ -138,7 +138,7 @@ def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> C
     for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
         pilot = sum(make_rule(rule).pilot.values())
         why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
-        say(f"dmis: {rule} is left out at {n} samples per pixel, {why}", error=True)
+        say(f"dmis: {rule} is skipped at {n} samples per pixel, {why}", error=True)
     if not options.quiet:
         say(summary(comparison))
         say(*filter(Path.exists, (output / name for name in ("results.csv", "report.html"))))

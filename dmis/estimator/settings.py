@@ -119,19 +119,19 @@ class Settings:
     allocation: str = "systematic"
     lights: str = _option(
         "auto",
-        "lights sampled at a point: all, one at random, or pbrt: all in direct lighting, one on paths; tree, power, "
-        "even: as if all were one light, by the selection of one (default auto: all, or tree if there are many)",
+        "lights sampled at a point: all; one at random; pbrt, all in direct lighting and one on paths; tree, power or "
+        "even, one of many lights picked in this way (default auto: all, or tree if there are many)",
         choices=("auto", "all", "one", "pbrt", *SELECTIONS),
     )
     integrator: str = _option(
         "auto",
-        "direct: light straight from the lights; path: scattered light, too (default: as the scene says)",
+        "direct: light from the lights only; path: also light from other surfaces (default auto: the scene's)",
         choices=("auto", "direct", "path"),
     )
     max_depth: int | str | None = _option(
         "auto",
-        "largest number of surfaces on a path: of mirrors and glass (direct), or of all, 1 being direct lighting and "
-        "none no limit (path; default: as the scene says, or 5)",
+        "largest number of surfaces on a path: direct counts mirrors and glass; path counts all, 1 is direct lighting "
+        "and none no limit (default: the scene's, or 5)",
         _depth,
         "D",
     )
@@ -140,9 +140,9 @@ class Settings:
     )
     reuse_pilot: bool | None = None
     compensation: float | None = _option(
-        None, "share of a sky's samples drawn from what exceeds its mean (default 0.95)", float, "SHARE"
+        None, "share of a sky's light samples drawn from its radiance above the mean (default 0.95)", float, "SHARE"
     )
-    preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
+    preset: str | None = _option(None, "fixed settings, to reproduce the thesis (default none)", choices=tuple(PRESETS))
 
     def __post_init__(self) -> None:
         for option in fields(self):

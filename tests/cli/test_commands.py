@@ -117,7 +117,7 @@ def test_a_fallback_is_printed(scene, tmp_path, capsys):
     assert main(["compare", scene, *options, "-o", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr()
     assert "auto at 4, 8 spp: fewer than 16 samples per pixel, rendered with w = 1/2." in printed.out
-    assert "thesis is left out at 4 samples per pixel, because its pilot takes 6: use --spp 7 or more" in printed.err
+    assert "thesis is skipped at 4 samples per pixel, because its pilot takes 6: use --spp 7 or more" in printed.err
     if (tmp_path / "out" / "report.html").exists():
         assert "auto at 4, 8 spp: fewer than 16" in (tmp_path / "out" / "report.html").read_text("utf-8")
 

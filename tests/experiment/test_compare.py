@@ -205,7 +205,7 @@ def test_compare_scenes(tmp_path, capsys):
     assert rows == [(out / name / "results.csv").read_text() for name in ("teapot-area-light", "cornell")]
     for words, message in (
         (["cornell", "cornell"], "scenes must have different names"),
-        (["cornell", "tt", "--reference", "x.exr"], "--reference is of one scene; got 2"),
+        (["cornell", "tt", "--reference", "x.exr"], "--reference needs one scene; got 2"),
         (["cornell", "nope"], "a scene must be"),
     ):
         assert main(["compare", *words, "-o", str(tmp_path / "bad")]) == 2
