@@ -2,11 +2,11 @@
 One dimension: a mixture of two densities
 =========================================
 
-The whole method on one small integral: f over [0, 1], with a density p_l that fits one
-of its bumps and a density p_b that fits the other. The figure answers three questions.
-How does the variance depend on the share w? Which share does a parabola through three
-points give? Which share do the same samples give if each one is evaluated at every w?
-The code is that of the renderer; only the integrand is new.
+The whole method on one small integral of f over [0, 1]. The density p_l fits one bump
+of f, the density p_b the other. The figure answers three questions. How does the
+variance depend on the share w? Which share does a parabola through three points give?
+Which share do the same samples give if each sample is evaluated at every w? The script
+calls the renderer's code; only the integrand is new.
 """
 
 import numpy as np
@@ -22,8 +22,8 @@ opts, _ = options("plot_1d_mixture", __doc__)
 rng = np.random.default_rng(1)
 
 # %%
-# Two bell-shaped densities on the line, a narrow one and a wide one, and an integrand
-# with some of both.
+# Define two bell-shaped densities on the line, one narrow and one wide, and an
+# integrand that mixes both.
 MEANS, WIDTHS = (0.3, 0.6), (0.03, 0.15)
 
 
@@ -44,8 +44,9 @@ def f(x):
 
 
 # %%
-# The truth by quadrature: with shares w and 1 - w, a sample has the variance M2 - w
-# m_l^2 - (1 - w) m_b^2.
+# Compute the true variance by quadrature. With shares w and 1 - w, a sample has the
+# variance M2 - w m_l^2 - (1 - w) m_b^2, where M2 is the second moment and m_l, m_b are
+# the means of f / p_w under p_l and p_b.
 x = np.linspace(-0.6, 1.8, opts.pick(20_001, 200_001))
 p_l, p_b, dx = density(0, x), density(1, x), x[1] - x[0]
 w = np.linspace(
@@ -67,9 +68,9 @@ best = w[truth.argmin()]
 
 
 # %%
-# The pilot has a "patch" of pixels. At w = 1/2 each technique draws half of a pixel's
-# samples. They are recorded as the renderer records them: three camera samples with two
-# pairs each.
+# Draw a pilot for a "patch" of pixels. At w = 1/2 each technique draws half of a
+# pixel's samples. Record the samples as the renderer does: three camera samples with
+# two pairs each.
 def draw(technique, turn, count):
     """Return samples of one technique as a record: positions, contributions and both
     densities.
@@ -97,8 +98,8 @@ estimate = 2 * curves.sums()["curve"].mean(
 learned = GRID[estimate.argmin()]
 
 # %%
-# The thesis's rule: variances of 2 samples at w = 0, 1/2, 1, averaged over the pixels,
-# and a parabola.
+# Apply the thesis's rule: average the variances of 2 samples at w = 0, 1/2, 1 over the
+# pixels, and fit a parabola.
 alone = [
     f(at) / density(k, at)
     for k, at in ((k, rng.normal(MEANS[k], WIDTHS[k], (2, PIXELS))) for k in (1, 0))
@@ -119,7 +120,7 @@ vertex = float(parabola_minimum(shares, points)[0])
 
 
 # %%
-# The rules of the literature learn from the same pilot.
+# Let the rules of the literature learn from the same pilot.
 def relative(name):
     """Return the share that an objective gives, and the variance there."""
     statistic = Gather(objective(name), PIXELS, 4)

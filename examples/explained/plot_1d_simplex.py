@@ -3,9 +3,9 @@ One dimension: a mixture of three densities
 ===========================================
 
 Three techniques have three shares whose sum is 1: a point in a triangle. Here the
-integrand is itself a mixture of the three densities, with known shares. At these shares
-every sample counts the same, and the variance is 0. The figure shows the variance
-around this point, and whether one pilot at equal shares finds it. The code is that of
+integrand is a mixture of the three densities with known shares. At these shares every
+sample has the same value, and the variance is 0. The figure shows the variance around
+this point, and whether one pilot at equal shares finds it. The script calls the code of
 the renderer's rule ``simplex``; only the integrand is new.
 """
 
@@ -21,8 +21,8 @@ opts, _ = options("plot_1d_simplex", __doc__)
 rng = np.random.default_rng(1)
 
 # %%
-# Three bell-shaped densities on the line, and an integrand that is half of the first, a
-# third of the second and a sixth of the third. Its integral is 1.
+# Define three bell-shaped densities on the line. The integrand is half of the first
+# plus a third of the second plus a sixth of the third, so its integral is 1.
 MEANS, WIDTHS = np.array([0.2, 0.45, 0.8]), np.array([0.05, 0.2, 0.08])
 PLANTED = np.array([1 / 2, 1 / 3, 1 / 6])
 
@@ -39,8 +39,9 @@ def f(x):
 
 
 # %%
-# The truth by quadrature. With fixed shares, the variance of a sample is the second
-# moment minus the squares of the techniques' own means, weighted with the shares.
+# Compute the true variance by quadrature. With fixed shares, the variance of a sample
+# is the second moment minus the mean of the techniques' squared means, weighted by the
+# shares.
 x = np.linspace(-0.8, 1.7, 5_001)
 p, dx = densities(x), x[1] - x[0]
 
@@ -55,9 +56,9 @@ def variance(shares):
 
 
 # %%
-# The pilot has a "patch" of pixels. In each pixel every technique takes two of six
-# samples, three times, recorded as the renderer records them. The balance heuristic at
-# equal shares makes f / p_w of each.
+# Draw a pilot for a "patch" of pixels. In each pixel every technique takes two of six
+# samples, three times; record the samples as the renderer does. The balance heuristic
+# at equal shares gives each sample the value f / p_w.
 PIXELS, SPP, PAIR = 64, 3, 2
 
 
@@ -109,8 +110,8 @@ for k, name in enumerate(("first", "second", "third")):
 
 
 # %%
-# Left: integrand and densities. Middle: the variance over the triangle, whose corners
-# are the techniques alone. Right: the pilot's estimate at each point of the grid
+# Left: integrand and densities. Middle: the variance over the triangle; at a corner one
+# technique takes all samples. Right: the pilot's estimate at each point of the grid
 # against the truth.
 def corner(shares):
     """Return the place of shares ``(3, ...)`` in the triangle, x and y."""

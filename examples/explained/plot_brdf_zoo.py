@@ -131,8 +131,8 @@ def brute(material, light, w):
 
 
 # %%
-# For each model: a map of the hemisphere seen from above, a histogram of samples, the
-# curves.
+# For each model, draw a map of the hemisphere seen from above, a histogram of samples,
+# and the curves.
 def lobe_map(axis, material):
     """Draw BRDF times cosine over the unit disk."""
     x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 241, dtype=np.float32)])

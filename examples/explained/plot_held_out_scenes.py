@@ -2,9 +2,9 @@
 The two held-out scenes
 =======================
 
-Veach's plates and a room with ten lights: by BRDF samples alone, by light samples
-alone, by the balance heuristic, and the share of light samples that dmis learns. No
-constant of dmis was chosen on these two scenes.
+Veach's plates and a room with ten lights, rendered by BRDF samples alone, by light
+samples alone and by the balance heuristic, and the share of light samples that dmis
+learns. No constant of dmis was chosen on these two scenes.
 """
 
 import dmis

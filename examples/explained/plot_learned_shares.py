@@ -4,7 +4,7 @@ What three rules learn on one scene
 
 The share of light samples that the thesis's rule (``weigh=samples``), the second-moment
 rule and auto learn on KILLEROO GOLD, and the camera samples per pixel that auto takes.
-The first two learn shares alone; auto divides camera samples, too.
+The first two rules only learn shares; auto divides camera samples, too.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ TITLES = {
 }
 
 # %%
-# One render for each rule and for the balance heuristic, with the same budget and the
+# Render once by each rule and by the balance heuristic, with the same budget and the
 # same points.
 results = {
     rule: dmis.render(
@@ -35,8 +35,8 @@ samples = results["auto"].samples
 noise = np.log10(np.maximum(luminance(results["balance"].deviation), 1e-4))
 
 # %%
-# Image, noise and numbers of samples (powers of two) above the three share maps, which
-# have one scale.
+# Draw image, noise and numbers of samples (powers of two) above the three share maps,
+# which share one colour scale.
 width, height = scene.camera.resolution
 figure, axes = plot.canvas(2, 3, 15, 8 * height / width + 2)
 plot.picture(axes[0, 0], results["auto"].image, "image, auto")

@@ -2,9 +2,9 @@
 A thousand lamps, and a lamp of 100,000 triangles
 =================================================
 
-Both are sampled as one light. A light sample selects a lamp or a triangle: in
-proportion to its power, or by a light tree, which knows what is near and faces the
-surface. Each lamp of the divided room is hidden from half of it.
+dmis samples all lamps as one light, and all triangles as one light. A light sample
+selects a lamp or triangle in proportion to its power, or by a light tree, which prefers
+lamps near and facing the surface. Each lamp of the divided room lights only half of it.
 """
 
 import runpy
@@ -20,8 +20,8 @@ SPP, SIZE = 16, opts.pick((40, 25), (480, 300), (960, 600))
 make = runpy.run_path(str(SCENE_FOLDER / "make_many_lights.py"))
 
 # %%
-# Of two renders with different seeds, half the squared difference estimates the
-# variance: relMSE divides that by the squared image and a little.
+# Half the squared difference of two renders with different seeds estimates the
+# variance; relMSE divides it by the squared image plus 1 % of the squared mean.
 scenes = (
     make["many_lights"](resolution=SIZE),
     make["glowing_knot"](*opts.pick((100, 10), (1000, 50)), resolution=SIZE),

@@ -2,9 +2,9 @@
 A model as glTF and as OBJ
 ==========================
 
-One room, written to two kinds of files: with textures, a lamp, masked leaves and a
-camera. In matte materials the images agree; metals and rough coats are what glTF can
-say beyond.
+One room with textures, a lamp, masked leaves and a camera, written to two kinds of
+files. With matte materials the images agree; glTF also describes metals and rough
+coats.
 """
 
 import runpy
@@ -21,7 +21,7 @@ SPP, SIZE = opts.pick((2, (48, 36)), (128, (400, 300)), (1024, (640, 480)))
 make = runpy.run_path(str(SCENE_FOLDER / "make_room.py"))
 
 # %%
-# An OBJ file has no camera: it gets that of the GLB file.
+# An OBJ file has no camera: take the camera of the GLB file.
 with tempfile.TemporaryDirectory() as name:
     folder = Path(name)
     make["write_glb"](folder / "room.glb", make["things"]())
@@ -35,7 +35,7 @@ with tempfile.TemporaryDirectory() as name:
     }
 
 # %%
-# All three trace paths, because light comes from the walls, too.
+# Render all three scenes by path tracing, because walls reflect light, too.
 figure, axes = plot.canvas(1, 3, 18, 5.2)
 means = []
 for axis, (title, scene) in zip(axes[0], scenes.items(), strict=True):

@@ -3,9 +3,9 @@ Low-discrepancy points: nets, orders and slopes
 ===============================================
 
 The sampler ``sobol`` in three pictures: how well 16 points of its sequence are
-stratified; why the light's pair must not have the same order as the camera's; and how
-fast the error falls for smooth integrands and for edges. The page "Low-discrepancy
-points" explains all three.
+stratified; why the light's pair of numbers must not have the order of the camera's
+pair; and how fast the error falls for smooth integrands and for edges. The page
+"Low-discrepancy points" explains all three.
 """
 
 import numpy as np
@@ -29,10 +29,10 @@ camera, light, other = (
 random = np.random.default_rng(1).random((4, N, PIXELS))
 
 # %%
-# Top: the points of one pixel. For each of the five shapes of boxes of area 1/16, every
-# box has one of the 16 points. Then the light's first number against the camera's. With
-# the same order, both pairs lie on a pattern whose gaps no number of samples fills.
-# With the light's own order they fill the square.
+# Top left: the points of one pixel. Boxes of area 1/16 come in five shapes, and every
+# box holds one of the 16 points. Top right: the light's first number against the
+# camera's. In the same order the two numbers form a pattern with gaps, however many
+# samples are drawn. In an order of its own the light's number fills the square.
 figure, axes = plot.canvas(2, 3, 14, 9)
 for axis, columns, rows in zip(axes[0, :2], (4, 16), (4, 1), strict=True):
     axis.vlines(

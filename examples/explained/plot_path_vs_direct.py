@@ -2,11 +2,11 @@
 Path tracing and direct lighting
 ================================
 
-How much light comes by way of other surfaces? For each scene the figure has direct
-lighting, path tracing six surfaces deep, and the share of the radiance that is not
-direct. In the open, under a sky, this share is small. In the box it lights the ceiling
-and all shadows. The last panel has the mean of the image against the number of surfaces
-that may scatter, and so shows how fast the series converges.
+How much light arrives over other surfaces? For each scene the figure shows direct
+lighting, path tracing over six surfaces, and the indirect share of the radiance. In the
+open, under a sky, this share is small. In the box, indirect light brightens the ceiling
+and all shadows. The last panel shows the mean of the image against the largest number
+of scattering surfaces, and so the speed of convergence.
 """
 
 import numpy as np
@@ -20,8 +20,8 @@ DEPTHS = opts.pick((1, 6), (1, 2, 3, 4, 6, 10))
 DEEP = 6
 
 # %%
-# The thesis's scenes have half of the usual size here. The rule is auto, which learns
-# anew for each depth.
+# Render the thesis's scenes at half of the usual size. The rule auto learns again for
+# each depth.
 scenes = {
     "CORNELL": dmis.load_scene(
         "cornell", resolution=opts.pick((16, 16), (100, 100), (200, 200))
@@ -50,8 +50,8 @@ for title, scene in scenes.items():
     )
 
 # %%
-# One row for each scene: direct, paths, the share of light that bounced. The share has
-# the noise of both images.
+# Draw one row for each scene: direct light, paths, and the indirect share, which
+# contains the noise of both images.
 figure, axes = plot.canvas(len(scenes) + 1, 3, 13, 3.6 * (len(scenes) + 1))
 for line, title in zip(axes, scenes, strict=False):
     direct, paths = images[title, 1], images[title, DEEP]

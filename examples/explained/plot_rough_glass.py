@@ -2,11 +2,11 @@
 Rough glass
 ===========
 
-Facets that reflect and refract: three balls of glass on tiles under a bright lamp, from
-almost smooth to frosted, rendered by paths. Light comes to each point of the glass from
-both sides, and light and BRDF samples are mixed for each side. The last picture has the
-shares that were learned for the first surface of a path. Frosted glass blurs what is
-behind it, and each crossing of its surface loses the light that facets mask.
+Facets reflect and refract: three balls of glass, from almost smooth to frosted, lie on
+tiles under a bright lamp, rendered by path tracing. Light comes to each point of the
+glass from both sides, and light and BRDF samples are mixed for each side. The last
+picture shows the learned shares at the first surface of a path. Frosted glass blurs
+objects behind it, and at each crossing of its surface facets mask some light.
 """
 
 import numpy as np
@@ -21,8 +21,8 @@ ALPHAS = (0.02, 0.15, 0.4)
 
 # %%
 # The balls lie on tiles before a wall, with a lamp to the left and a dim sky. A path
-# meets the lamp through glass only if a facet sends it there. With smooth glass that
-# would be a caustic, which paths seldom find.
+# reaches the lamp through glass only if a facet refracts the path towards the lamp.
+# Smooth glass would make a caustic, which path tracing seldom finds.
 squares = (np.indices((256, 256)) // 16).sum(axis=0) % 2
 tiles = dmis.Image(
     np.where(squares[..., None], (0.75, 0.7, 0.6), (0.1, 0.15, 0.25)).astype(np.float32)
@@ -67,7 +67,7 @@ for name, result in (("direct", direct), ("paths", paths)):
     print(f"{name:8} mean radiance {result.image.mean():.3f}, {seconds:.1f} s")
 
 # %%
-# Direct lighting shows the sky and the lamp in the balls. Only paths show what is
+# Direct lighting shows the sky and the lamp in the balls. Only paths show objects
 # behind the balls.
 figure, axes = plot.canvas(3, 1, 8, 11)
 plot.picture(

@@ -2,10 +2,10 @@
 What a scene needs, and what is left out
 ========================================
 
-Six small scenes, their plans, and where their rays go. dmis follows a camera sample
-only as far as it can contribute. Where the camera meets nothing, nothing is sampled. A
-mirror needs no light samples, a point light no BRDF samples, and a black wall ends a
-path. The two rooms are rendered by paths.
+Six small scenes, their plans, and their numbers of rays. dmis follows a camera sample
+only as far as the sample can contribute. Where the camera sees nothing, dmis samples
+nothing. A mirror needs no light samples, a point light no BRDF samples, and a black
+wall ends a path. The two rooms are rendered by paths.
 """
 
 import textwrap
@@ -133,7 +133,7 @@ for k, one in enumerate(SCENES):
     print(f"{one.name}\n{one.describe()}\n")
 
 # %%
-# Check the plan: the first scene has the same bits if nothing is left out.
+# Check the plan: without skipping any work, the first scene has the same bits.
 first = SCENES[0]
 blind = replace(first)
 vars(blind)["covered_pixels"] = None

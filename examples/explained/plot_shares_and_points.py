@@ -2,13 +2,13 @@
 Shares and low-discrepancy points
 =================================
 
-Why the thesis's rule (``weigh=samples``) can lose although its shares have less
-variance. Low-discrepancy points fill each other's gaps, best in powers of two: 8 light
-and 8 BRDF samples are better stratified than 10 and 6. So another share than w = 1/2
-also costs stratification. A pilot does not show that, because the spread of single
-samples is the same.
+The thesis's rule (``weigh=samples``) can lose although its shares reduce the variance
+of single samples. Low-discrepancy points fill each other's gaps, best in powers of two:
+8 light and 8 BRDF samples are better stratified than 10 and 6. So a share other than w
+= 1/2 also costs stratification. A pilot cannot measure this cost, because it sees
+single samples only.
 
-The figure has the error of TT with fixed shares, with independent points and with
+The figure shows the error of TT at fixed shares, with independent points and with
 pbrt-v2's low-discrepancy points, under a sky without and with a sun.
 """
 
@@ -25,10 +25,10 @@ LIGHT_SAMPLES = (2, 4, 6, 7, 8, 9, 10, 12, 14)
 SEEDS = range(opts.pick(1, 2))
 
 # %%
-# One light and one BRDF sample with independent points, as the thesis may have had; 8 +
-# 8 with independent and with pbrt-v2's points. A share w of 16 shading samples is a
-# whole number of light samples, the same for all camera samples; of 2 it is one on
-# average.
+# Compare one light and one BRDF sample with independent points, as the thesis may have
+# used, and 8 + 8 samples with independent and with pbrt-v2's points. Of 16 shading
+# samples, all camera samples take the same whole number 16 w of light samples; of 2
+# shading samples they take 2 w light samples on average.
 SETUPS = {
     "independent points, 1 + 1": {"sampler": "independent", "shading_samples": 2},
     "independent points, 8 + 8": {"sampler": "independent", "shading_samples": 16},

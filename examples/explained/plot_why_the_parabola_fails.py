@@ -2,11 +2,11 @@
 Why the parabola fails
 ======================
 
-The same rule on the same pilot loses by a large factor with patches of 4x4 pixels, and
-works with patches of 16x16. The difference is the number of samples behind a variance.
-Suppose a technique meets the light in one sample of a hundred. Then most small patches
-have no such sample, and their variance is nearly zero. The technique that fails looks
-perfect, and gets all samples.
+From the same pilot, the thesis's rule loses by a large factor with patches of 4x4
+pixels, and works with patches of 16x16. The cause is the number of samples behind each
+variance. Suppose a technique meets the light in one sample of a hundred. Then most
+small patches contain no such sample, and the measured variance is nearly zero. The
+worse technique looks perfect, and gets all samples.
 """
 
 import numpy as np
@@ -38,8 +38,8 @@ shape = pilots[0].image.shape[:2]
 
 # %%
 # **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a
-# pixel, averaged over a patch. `Result.variance` is that of the pixel, y / n; the
-# factor n does not move a minimum.
+# pixel, averaged over a patch. `Result.variance` is the variance of the pixel's mean, y
+# / n; the factor n does not move the minimum.
 variance = np.stack([luminance(pilot.variance) for pilot in pilots])
 variances = {patch: patch_mean(variance, patch) for patch in PATCHES}
 
@@ -87,9 +87,9 @@ for patch, (value, half) in ratios.items():
 
 # %%
 # **How many patches miss every spike?** On the diffuse walls of KILLEROO DIFFUSE, a
-# BRDF sample that hits the lamp is far brighter than the pixel, and all others are
-# zero. Let a share h of the BRDF samples hit. A patch of P pixels with n samples each
-# has no hit with probability (1 - h)^(P n).
+# BRDF sample that hits the lamp is far brighter than the pixel; all other BRDF samples
+# are zero. Let the fraction h of the BRDF samples hit the lamp. A patch of P pixels
+# with n samples each has no hit with probability (1 - h)^(P n).
 room = opts.scene("killeroo-diffuse", opts.pick(16, 4, 1))
 wall = room.crop(*window(room, (0.02, 0.27), (0, 0.187)))
 truth = luminance(
