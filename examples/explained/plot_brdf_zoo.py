@@ -110,7 +110,8 @@ def curve(material, light):
 
 
 # %%
-# Check it by brute force: independent samples of both techniques at a few shares.
+# Check the curve at a few shares by brute force, with independent samples of both
+# techniques.
 CHECKED, rng = np.array([0.1, 0.3, 0.7, 0.9]), np.random.default_rng(1)
 
 

@@ -57,8 +57,8 @@ filtered = {patch: gaussian(w, sigma=1, radius=2) for patch, w in raw.items()}
 # %%
 # **Step 5, the final pass.** Each pixel takes the weight of its patch. Of S = 2 samples
 # at a surface, n_l = w S are light samples on average, and n_b = (1 - w) S are BRDF
-# samples. The balance heuristic with these numbers adds f / (n_l p_l + n_b p_b) for
-# each. The pilot has used 6 of the 128 camera samples.
+# samples. By the balance heuristic, each sample adds f / (n_l p_l + n_b p_b). The pilot
+# has used 6 of the 128 camera samples.
 weights = {patch: patch_spread(w, patch, shape) for patch, w in filtered.items()}
 images = {
     patch: dmis.render(
@@ -68,8 +68,9 @@ images = {
 }
 
 # %%
-# **The error**, the mean of (x - r₁)(x - r₂) with two independent halves r₁, r₂ of a
-# reference, over that of the balance heuristic with w = 1/2 and all 128 samples.
+# **The error** is the mean of (x - r₁)(x - r₂) with two independent halves r₁, r₂ of a
+# reference. Divide it by the error of the balance heuristic with w = 1/2 and all 128
+# samples.
 reference = opts.reference(scene, opts.pick(32, 128))
 balance = dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis").image
 errors = squared_error(balance, reference.first, reference.second)
