@@ -56,12 +56,104 @@ def figure(script: str, *renders: str) -> Piece:
     return Piece(stem, command, files=(f"figures/{stem}.webp",), renders=renders, script=f"examples/{script}.py")
 
 
+WEIGHTS = ("bounds", "reached", "thesis", "order", "renders")
+"""Blocks of docs/what-weights-save.md."""
 BY_BALANCE = renders_of(FOUR, "balance")
 BY_THESIS = (*BY_BALANCE, *renders_of(FOUR, "thesis"))
 BY_ALL = (*BY_THESIS, *renders_of(FOUR, "auto"))
-HELD_OUT = renders_of(("veach-mis", "ten-lights"), "balance", "auto")
+HELD_OUT = renders_of(("veach-mis", "ten-lights"), "balance integrator=direct", "auto integrator=direct")
+
+BENCH = (
+    *BY_ALL,
+    *HELD_OUT,
+    *renders_of(("cornell",), "balance", "thesis"),
+    "tt second-moment",
+    "tt taylor",
+    "tt neyman",
+)
 
 PIECES: tuple[Piece, ...] = (
+    # Tables.
+    Piece(
+        "mis-bench",
+        "benchmarks/measure_weights.py",
+        "show_weights",
+        ("mis-bench.md: mis-bench", *(f"what-weights-save.md: {mark}" for mark in WEIGHTS)),
+        (
+            "tables/mis-bench.csv",
+            "tables/weight-bounds.csv",
+            "tables/weight-renders.csv",
+            "images/what-weights-save.webp",
+            "images/edges-and-resolution.webp",
+        ),
+        BENCH,
+    ),
+    Piece(
+        "mis-bench-validated",
+        "benchmarks/mis_bench.py --validate",
+        "show_weights",
+        ("mis-bench.md: validated",),
+        ("tables/mis-bench-renders.csv",),
+        BENCH,
+    ),
+    Piece(
+        "literature",
+        "benchmarks/make_literature_table.py",
+        "make_literature_table",
+        ("literature.md: literature",),
+        ("tables/literature.csv",),
+        BENCH,
+    ),
+    Piece(
+        "parabola",
+        "benchmarks/make_parabola_table.py",
+        "make_parabola_table",
+        ("thesis.md: parabola",),
+        ("tables/parabola.csv",),
+        BY_THESIS,
+    ),
+    Piece(
+        "report",
+        "examples/make_report.py --docs",
+        "make_report",
+        ("report.md: four scenes",),
+        ("tables/report.csv", "tables/report-limits.csv", "images/error-vs-time.png"),
+        (*BY_ALL, "tt second-moment", "killeroo-gold pbrt"),
+    ),
+    Piece(
+        "mitsuba-agreement",
+        "benchmarks/agreement.py",
+        "show_agreement",
+        ("tables.md: mitsuba-agreement",),
+        ("tables/mitsuba-agreement.csv",),
+        BY_BALANCE,
+    ),
+    Piece(
+        "cluster", "benchmarks/measure_cluster.py", "measure_cluster", ("cluster.md: cluster",), ("tables/cluster.csv",)
+    ),
+    Piece(
+        "doctor-faults",
+        "benchmarks/doctor_faults.py",
+        "doctor_faults",
+        ("doctor.md: faults",),
+        ("tables/doctor-faults.csv",),
+        (*BY_BALANCE, *HELD_OUT),
+    ),
+    # Pictures that are not in the gallery.
+    Piece(
+        "doctor-figure",
+        "examples/make_doctor_figure.py --docs",
+        files=("images/doctor.webp",),
+        renders=(*BY_BALANCE, *HELD_OUT),
+        script="examples/make_doctor_figure.py",
+    ),
+    Piece(
+        "stability-figure",
+        "examples/make_stability_figure.py --docs",
+        files=("images/stability.webp",),
+        renders=BY_BALANCE,
+        script="examples/make_stability_figure.py",
+    ),
     # Figures of the thesis.
     figure("thesis/plot_fig_2_1_variance", "teapot-area-light balance"),
     figure("thesis/plot_eq_3_1_variance_is_mse", "killeroo-gold balance"),

@@ -1,15 +1,18 @@
 """Make every table and picture of the pages anew where it is older than the renders or the script that decide it.
 
     python benchmarks/publish.py             make what is old (hours; an interrupted run continues)
-    python benchmarks/publish.py --only points stability
+    python benchmarks/publish.py --only points stability       make these, old or not
     python benchmarks/publish.py --list      what is old, and why (a minute, for the renders)
     python benchmarks/publish.py --pages     write the tables into the pages again from docs/tables: seconds
-    python benchmarks/publish.py --record points    note that docs/tables/points.csv has just been made by hand
+    python benchmarks/publish.py --record points --commit ID --minutes 31     note that this was made by hand
 
-What decides a piece of `pieces.PIECES` are small renders of its scenes and rules (`frozen`): a refactoring that keeps
-every bit makes nothing old. Hashes of these renders are in docs/tables/renders.csv with the machine that they are of,
-because others round differently; on a machine without rows publish.py says so, and takes all to be new but what has
-another script. docs/tables/published.csv has a row for each piece, and docs/published.md shows them.
+What decides a piece of `pieces.PIECES` are small renders of its scenes and rules (`frozen`): a refactoring that changes
+them by rounding alone makes nothing old. Their fingerprints are in docs/tables/renders.csv; one that changes gets
+another row with the next serial number. docs/tables/published.csv has a row for each piece, with the serial number at
+the time, and docs/published.md shows it.
+
+Before an old piece is made, its rows in docs/tables are deleted, and with them its row in published.csv. So a piece
+without such a row was interrupted, or never made: its command continues with the rows that are there.
 """
 
 from __future__ import annotations
@@ -21,10 +24,9 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import date
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,6 +45,11 @@ RENDERS = DOCS / "tables" / "renders.csv"
 PAGE = DOCS / "published.md"
 FIELDS = ("piece", "commit", "date", "minutes", "machine", "serial", "script", "files")
 """Columns of `PUBLISHED`; `serial` is that of the renders at the time, `script` and `files` are hashes."""
+NUMBERS = (
+    *(f"{name}{by}" for name in ("image", "deviation", "weight", "samples") for by in ("", " by number")),
+    "rays",
+)
+"""Numbers of a fingerprint."""
 
 
 # Tables of the pages ------------------------------------------------------------------------------------------------
@@ -69,8 +76,11 @@ def sentences_of(piece: Piece) -> dict[str, list[str]]:
 
 
 def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
-    """Write the blocks of the pieces into the pages, and `PAGE`."""
+    """Write the blocks of the pieces into the pages, and `PAGE`; pieces without rows are left out."""
     for piece in pieces:
+        if missing := [name for name in piece.files if not (DOCS / name).exists()]:
+            print(f"{piece.name}: there is no {', '.join(missing)}", file=sys.stderr)
+            continue
         for block, lines in tables_of(piece).items():
             replace_table(*page_of(block), *lines)
     write_published()
@@ -123,26 +133,25 @@ def files_digest(piece: Piece) -> str:
     return sha.hexdigest()[:12]
 
 
-def rounding() -> str:
-    """Return what the rounding of renders depends on."""
-    return f"{machine()}, NumPy {version('numpy')}, embreex {version('embreex')}"
-
-
-def update_renders() -> bool:
-    """Render the frozen configurations, and note hashes that have changed; whether this machine had hashes before."""
-    rows, here = read_rows(RENDERS), rounding()
-    old = {row["render"]: row["hash"] for row in rows if row["machine"] == here}
-    serial = 1 + max((int(row["serial"]) for row in rows), default=0)
+def update_renders() -> None:
+    """Render the frozen configurations, and note fingerprints that have changed by more than rounding."""
+    rows: list[Mapping[str, object]] = [*read_rows(RENDERS)]
+    before = {str(row["render"]): {key: float(str(row[key])) for key in NUMBERS} for row in rows}
+    serial = 1 + newest_serial()
     scenes: dict[str, dmis.Scene] = {}
     table = frozen.configurations()
     for n, (name, configuration) in enumerate(table.items(), 1):
         print(f"\rrender {n} of {len(table)}", end="", file=sys.stderr, flush=True)
-        found = frozen.digest(frozen.render(configuration, scenes))
-        if old.get(name) != found:
-            rows.append({"serial": str(serial), "render": name, "hash": found, "machine": here})
+        numbers = frozen.fingerprint(frozen.render(configuration, scenes))
+        if not frozen.agree(before.get(name, {}), numbers):
+            rows.append({"serial": serial, "render": name, **{key: f"{x:.7g}" for key, x in numbers.items()}})
     print(file=sys.stderr)
-    write_rows(RENDERS, rows, ("serial", "render", "hash", "machine"))
-    return bool(old)
+    write_rows(RENDERS, rows, ("serial", "render", *NUMBERS))
+
+
+def newest_serial() -> int:
+    """Return the serial number of the newest renders; 0 if there are none."""
+    return max((int(row["serial"]) for row in read_rows(RENDERS)), default=0)
 
 
 def reason_to_make(piece: Piece, published: dict[str, dict[str, str]], renders: list[dict[str, str]]) -> str:
@@ -161,35 +170,43 @@ def reason_to_make(piece: Piece, published: dict[str, dict[str, str]], renders: 
 
 
 def state() -> tuple[dict[str, dict[str, str]], list[dict[str, str]]]:
-    """Return the published rows by piece, and the hashes of this machine."""
-    here = rounding()
-    return (
-        {row["piece"]: row for row in read_rows(PUBLISHED)},
-        [row for row in read_rows(RENDERS) if row["machine"] == here],
-    )
+    """Return the published rows by piece, and the fingerprints."""
+    return {row["piece"]: row for row in read_rows(PUBLISHED)}, read_rows(RENDERS)
 
 
 def record(piece: Piece, minutes: float | None = None, commit: str = "") -> None:
-    """Note that the files of a piece have been made; without minutes, those of its old row stay."""
+    """Note that the files of a piece have been made, at a commit; without minutes, those of its old row stay."""
     published, _ = state()
     old = published.get(piece.name, {})
-    head = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    serial = max((int(row["serial"]) for row in read_rows(RENDERS)), default=0)
+    git = ["git", "-C", str(ROOT), "show", "-s", "--format=%h %cs", commit or "HEAD"]
+    made = subprocess.run(git, capture_output=True, text=True, check=False).stdout.split()
     published[piece.name] = {
         "piece": piece.name,
-        "commit": commit or head.stdout.strip() or "unknown",
-        "date": str(date.today()),
+        "commit": made[0] if made else "unknown",
+        "date": made[1] if commit and made else str(date.today()),
         "minutes": old.get("minutes", "–") if minutes is None else f"{minutes:.1f}",
         "machine": machine(),
-        "serial": str(serial),
+        "serial": str(newest_serial()),
         "script": code_digest(piece.script),
         "files": files_digest(piece),
     }
+    write_published_rows(published)
+
+
+def forget(piece: Piece) -> None:
+    """Delete the rows of a piece, so that they are measured anew; do nothing if it was interrupted or never made."""
+    published, _ = state()
+    if published.pop(piece.name, None):
+        for name in piece.files:
+            if name.startswith("tables/"):
+                (DOCS / name).unlink(missing_ok=True)
+        write_published_rows(published)
+
+
+def write_published_rows(published: Mapping[str, Mapping[str, object]]) -> None:
+    """Write `PUBLISHED`, in the order of the pieces."""
     order = {known.name: n for n, known in enumerate(PIECES)}
-    rows = sorted(published.values(), key=lambda row: order.get(row["piece"], len(order)))
-    write_rows(PUBLISHED, rows, FIELDS)
+    write_rows(PUBLISHED, sorted(published.values(), key=lambda row: order.get(str(row["piece"]), len(order))), FIELDS)
 
 
 # Making -------------------------------------------------------------------------------------------------------------
@@ -197,6 +214,7 @@ def record(piece: Piece, minutes: float | None = None, commit: str = "") -> None
 
 def make(piece: Piece) -> bool:
     """Run the command of a piece, and note that it was made; return whether it succeeded."""
+    forget(piece)
     begin = time.perf_counter()
     done = subprocess.run([sys.executable, *shlex.split(piece.command)], cwd=ROOT, check=False)
     if done.returncode == 0:
@@ -221,24 +239,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--list", action="store_true", help="print what is old, and why; make nothing")
     parser.add_argument("--pages", action="store_true", help="write the pages from docs/tables; measure nothing")
     parser.add_argument("--record", nargs="+", metavar="PIECE", help="note that files were made by hand just now")
+    parser.add_argument("--commit", default="", help="commit at which --record's pieces were made (default: HEAD)")
+    parser.add_argument("--minutes", type=float, help="minutes that this took")
     given = parser.parse_args(arguments)
     pieces = named(given.only or given.record)
     if given.pages:
         write_pages(pieces)
         return 0
+    update_renders()
     if given.record:
         for piece in pieces:
-            record(piece)
+            record(piece, given.minutes, given.commit)
         write_pages(pieces)
         return 0
-    if not update_renders():
-        print(f"no hashes of this machine ({rounding()}): which renders have changed cannot be told")
     reasons = {piece.name: reason_to_make(piece, *state()) for piece in pieces}
     for piece in pieces:
         print(f"{piece.name:40} {reasons[piece.name] or 'as new as what decides it'}")
     if given.list:
         return 0
-    failed = [piece.name for piece in pieces if (given.only or reasons[piece.name]) and not make(piece)]
+    old = [piece for piece in pieces if given.only or reasons[piece.name]]
+    failed = []
+    for n, piece in enumerate(old, 1):
+        print(f"[{n} of {len(old)}] {piece.name}: python {piece.command}", flush=True)
+        if not make(piece):
+            failed.append(piece.name)
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return len(failed) and 1

@@ -26,14 +26,16 @@ TABLES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt
 
 
 def options(script: str, description: str, **more: dict) -> tuple[Options, argparse.Namespace]:
-    """Read the command line; `more` are options of a script's own, among them perhaps ``page``, which it will write."""
+    """Read the command line; `more` are options of a script's own; ``page`` and ``csv`` are files that it writes."""
     opts, given = gallery.options(Path(script).stem, description, **more)
-    page = getattr(given, "page", None)
-    if page is not None:
-        page.parent.mkdir(parents=True, exist_ok=True)
-        check_writable(page)
-        if opts.size == "quick" and page.resolve().is_relative_to(ROOT / "docs"):
-            given.page = opts.output.parent / page.name  # numbers of tiny images are not for the pages of the project
+    for name in {"page", "csv"} & vars(given).keys():
+        path = getattr(given, name)
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            check_writable(path)
+            if opts.size == "quick" and path.resolve().is_relative_to(ROOT / "docs"):
+                # numbers of tiny images are not for the pages of the project
+                setattr(given, name, opts.output.parent / path.name)
     return opts, given
 
 
@@ -84,6 +86,15 @@ def machine() -> str:
         names = re.findall(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text("utf-8"), re.M)
         cpu = names[0] if names else cpu
     return f"{os.cpu_count()} cores of {cpu}"
+
+
+def write_webp(picture: Path, to: Path) -> None:
+    """Write a picture for the pages, as WebP; print its path."""
+    from PIL import Image
+
+    with Image.open(picture) as image:
+        image.convert("RGB").save(to, quality=85, method=6)
+    print(to)
 
 
 def replace_table(page: Path, kind: str, *lines: str) -> None:

@@ -9,7 +9,7 @@ image that the balance heuristic makes of the same samples with the fault.
 import sys
 
 import numpy as np
-from common import ROOT, options
+from common import ROOT, options, write_webp
 
 from dmis import plot
 
@@ -45,7 +45,7 @@ def blocks(pixels: np.ndarray) -> np.ndarray:
     return pixels[: 4 * height, : 4 * width].reshape(height, 4, width, 4, 3).mean(axis=(1, 3, 4))
 
 
-opts, _ = options(__file__, __doc__)
+opts, given = options(__file__, __doc__, docs={"action": "store_true", "help": "also write the picture of docs/images"})
 spp, side = opts.pick(2, 64), opts.pick(24, 160)
 tables = {name: dmis_table.table(doctor_faults.small(name, side), spp) for name in set(PLATES.values())}
 figure, axes = plot.canvas(5, 6, 15, 11)
@@ -67,3 +67,5 @@ opts.save(
     a density or in f (docs/doctor.md), and the change of the mean. Right: the change in blocks of 4x4 pixels,
     from -30 % (blue) to +30 % (red).""",
 )
+if given.docs and opts.size != "quick":
+    write_webp(opts.output, ROOT / "docs" / "images" / "doctor.webp")

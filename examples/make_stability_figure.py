@@ -10,12 +10,12 @@ stiffness.
 """
 
 import numpy as np
-from common import options
+from common import ROOT, options, write_webp
 from stiff import KD, LIFT, ROUGHNESS, SIZES, ULP, both, chosen, rounding_errors
 
 from dmis import plot
 
-opts, _ = options(__file__, __doc__)
+opts, given = options(__file__, __doc__, docs={"action": "store_true", "help": "also write the picture of docs/images"})
 every = opts.pick(36, 1)
 cases = chosen(every)
 single, double = (found["family"] for found in both(opts.pick(4, 128), every))
@@ -73,3 +73,5 @@ opts.save(
     are as flat as the rounding of a direction, and triangles that are a million times
     as long as wide cost digits.""",
 )
+if given.docs and opts.size != "quick":
+    write_webp(opts.output, ROOT / "docs" / "images" / "stability.webp")

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import publish
 import pytest
 from pieces import PIECES, Piece
@@ -15,13 +16,17 @@ from dmis.fit.registry import make_rule
 
 ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-NOT_YET = (
-    "README brdfs cluster code literature measurements mis-bench paths performance report reproduction stability "
-    "tables thesis what-weights-save"
-)
+NOT_YET = "README measurements paths performance reproduction stability tables"
 """Pages with blocks that are not yet made from committed rows, and files of docs that are no piece yet."""
-OLD = {piece.name for piece in PIECES if piece.script}
-"""Pictures that may be older than their scripts, each with a reason."""
+OLD = """
+doctor-figure stability-figure
+plot_fig_2_1_variance plot_eq_3_1_variance_is_mse plot_fig_3_1_precomputation plot_fig_3_2_mse_curve_teapot
+plot_fig_3_3_mse_curve_killeroo_gold plot_fig_3_4_weights plot_fig_3_5_filter plot_fig_4_1_scenes plot_table_4_1
+plot_fig_5_1_limitation_tt plot_1d_mixture plot_1d_simplex plot_brdf_zoo plot_held_out_scenes plot_learned_shares
+plot_many_lights plot_models plot_nets plot_path_vs_direct plot_rough_glass plot_scene_plan plot_shares_and_points
+plot_why_the_parabola_fails plot_error_vs_time plot_oracle_and_regret plot_patch_size plot_rules_compared plot_scale
+""".split()
+"""Pictures that may be older than their scripts: they are to be drawn again with other type and legends."""
 OTHER_FILES = {
     "images/data-flow.svg": "drawn by hand",
     "images/play.png": "a screenshot of the play page",
@@ -31,7 +36,16 @@ OTHER_FILES = {
     "tables/renders.csv": "what publish.py notes",
 }
 """Files of docs that are no piece, and why."""
-WITH_TABLES = [piece for piece in PIECES if piece.module]
+NOT_MADE = {
+    "mis-bench-validated": "a quarter of an hour",
+    "parabola": "minutes",
+    "report": "ten minutes",
+    "cluster": "minutes on a machine that does nothing else",
+}
+"""Pieces whose rows are not committed yet, and how long they take."""
+ELSEWHERE = {"code.md: lines": "tests/test_count_lines.py"}
+"""Blocks that another test compares with what makes them."""
+WITH_TABLES = [piece for piece in PIECES if piece.module and piece.name not in NOT_MADE]
 FIGURES = [piece for piece in PIECES if piece.script]
 
 
@@ -61,7 +75,7 @@ def test_numbers_in_sentences_come_from_committed_rows(piece: Piece) -> None:
 
 
 def test_every_block_has_a_piece() -> None:
-    missing = set(blocks()) - {block for piece in PIECES for block in piece.blocks}
+    missing = set(blocks()) - {block for piece in PIECES for block in piece.blocks} - set(ELSEWHERE)
     assert sorted(block for block in missing if block.partition(".")[0] not in NOT_YET.split()) == []
 
 
@@ -72,7 +86,8 @@ def test_every_file_has_a_piece() -> None:
     }
     missing = files - {name for piece in PIECES for name in piece.files} - set(OTHER_FILES)
     assert sorted(name for name in missing if name.startswith("figures")) == []
-    assert [name for piece in PIECES for name in piece.files if not (docs / name).exists()] == []
+    absent = {piece.name for piece in PIECES for name in piece.files if not (docs / name).exists()}
+    assert absent == set(NOT_MADE)
 
 
 def test_pieces_have_names_scripts_and_renders_of_their_own() -> None:
@@ -117,9 +132,44 @@ def planted(tmp_path, monkeypatch) -> tuple[Piece, dict[str, dict[str, str]]]:
     return piece, {"a": row}
 
 
+SMALL = "tt balance"
+"""A frozen render."""
+
+
+def test_fingerprints_pass_rounding_and_see_other_numbers(planted, tmp_path, monkeypatch) -> None:
+    """A last bit ages nothing; other random numbers age the pieces of that rule and scene, and no other."""
+    import frozen
+
+    piece, published = planted
+    other = replace(piece, name="other", renders=("tt auto",))
+    piece = replace(piece, renders=(SMALL,))
+    name, configuration = next(item for item in frozen.configurations().items() if item[0].startswith(SMALL))
+    monkeypatch.setattr(frozen, "configurations", lambda: {name: configuration})
+    monkeypatch.setattr(frozen, "RESOLUTION", (24, 20))
+    monkeypatch.setattr(publish, "RENDERS", tmp_path / "renders.csv")
+    publish.update_renders()
+    assert [row["serial"] for row in publish.read_rows(publish.RENDERS)] == ["1"]
+    exact = frozen.render
+
+    def rounded(*arguments):
+        arrays = exact(*arguments)
+        return {**arrays, "image": np.nextafter(arrays["image"], np.float32(np.inf))}
+
+    monkeypatch.setattr(frozen, "render", rounded)
+    publish.update_renders()
+    assert publish.reason_to_make(piece, published, publish.read_rows(publish.RENDERS)) == ""
+    monkeypatch.setattr(frozen, "SEED", 4)
+    publish.update_renders()
+    rows = publish.read_rows(publish.RENDERS)
+    assert [row["serial"] for row in rows] == ["1", "2"]
+    published |= {"other": published["a"]}
+    assert name in publish.reason_to_make(piece, published, rows)
+    assert publish.reason_to_make(other, published, rows) == ""
+
+
 def render(name: str, serial: int) -> dict[str, str]:
     """Return a row of the renders."""
-    return {"serial": str(serial), "render": name, "hash": "0", "machine": "any"}
+    return {"serial": str(serial), "render": name}
 
 
 @pytest.mark.parametrize(
@@ -167,9 +217,24 @@ def test_publish_makes_what_is_old_and_names_what_failed(planted, tmp_path, monk
     monkeypatch.setattr(publish, "PAGE", tmp_path / "published.md")
     monkeypatch.setattr(publish, "PIECES", (bad, piece))
     monkeypatch.setattr(publish, "write_pages", lambda pieces: publish.write_published())
-    monkeypatch.setattr(publish, "update_renders", lambda: True)
+    monkeypatch.setattr(publish, "update_renders", lambda: None)
     assert publish.main([]) == 1
     assert "failed: bad" in capfd.readouterr().err
     assert publish.reason_to_make(piece, *publish.state()) == ""
     assert "`a.py`" in publish.PAGE.read_text("utf-8")
     assert publish.main(["--only", "a"]) == 0
+
+
+def test_old_rows_are_deleted_and_interrupted_ones_kept(planted, tmp_path, monkeypatch) -> None:
+    """A command continues with its rows: an old piece loses them first, one that was interrupted does not."""
+    (tmp_path / "tables").mkdir()
+    monkeypatch.setattr(publish, "PUBLISHED", tmp_path / "tables" / "published.csv")
+    piece = replace(planted[0], files=("tables/rows.csv", "a.csv"))
+    rows = tmp_path / "tables" / "rows.csv"
+    rows.write_text("1\n")
+    publish.forget(piece)
+    assert rows.exists()
+    publish.record(piece)
+    publish.forget(piece)
+    assert not rows.exists() and (tmp_path / "a.csv").exists()
+    assert "never" in publish.reason_to_make(piece, publish.state()[0], [])
