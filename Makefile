@@ -32,7 +32,7 @@ figures: $(READY)  ## draw the figures of the thesis for figures/index.html and 
 	$(BIN)/python examples/make_figures.py --publish docs --only $(FIGURES)
 
 report: $(READY)  ## measure error against time on the four scenes, write figures/report.html (10 minutes)
-	$(BIN)/python examples/make_report.py --docs docs/report.md
+	$(BIN)/python examples/make_report.py --docs
 
 publish: $(READY)  ## make tables and pictures of the pages that are older than what decides them (hours; continues)
 	$(BIN)/python benchmarks/publish.py

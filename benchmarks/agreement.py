@@ -16,7 +16,7 @@ its own.
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +29,9 @@ mi.set_variant("llvm_ad_rgb")
 
 import mitsuba_scene
 from block_error import block_error
-from common import SCENES, replace_table, show
+from common import SCENES, show
+from rows import read_rows, write_rows
+from show_agreement import CSV, FIELDS
 
 import dmis
 from dmis.brdf.fresnel import ExactConductor
@@ -41,7 +43,6 @@ from dmis.brdf.materials import (
 )
 from dmis.brdf.models import ggx
 
-PAGE = ROOT / "docs" / "tables.md"
 GOLD = ExactConductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
 
 
@@ -55,6 +56,10 @@ class Case:
     depth: int | None = None
     own: bool = False  # by Mitsuba's own BSDFs
     times: int = 1  # as many samples, where there is much noise
+
+    def key(self) -> tuple[str, str, str]:
+        """Return scene, surfaces and light, as in the rows."""
+        return self.scene, self.title, "direct" if self.depth is None else f"path, {self.depth}"
 
 
 def flat(scene: dmis.Scene) -> dmis.Scene:
@@ -91,8 +96,8 @@ def cases() -> list[Case]:
     return found
 
 
-def compare(case: Case, shrink: int, spp: int, seeds: int) -> str:
-    """A line of the table."""
+def compare(case: Case, shrink: int, spp: int, seeds: int) -> dict[str, object]:
+    """Return the row of a case."""
     width, height = SCENES[case.scene].size
     scene = case.change(dmis.load_scene(case.scene, (width // shrink // 8 * 8, height // shrink // 8 * 8)))
     settings = dmis.Settings(sampler="independent")  # as Mitsuba's, so that the two variances are alike
@@ -115,14 +120,10 @@ def compare(case: Case, shrink: int, spp: int, seeds: int) -> str:
     spread = _error(*blocks)
     noise = np.sqrt((spread**2).sum() / (blocks[1].mean(0) ** 2).sum())
     z = (blocks[0].mean(0) - blocks[1].mean(0))[spread > 0] / spread[spread > 0]
-    freedom = 2 * (seeds - 1)
-    expected = f" ({np.sqrt(freedom / (freedom - 2)):.2f})" if freedom > 2 else ""
-    how = "direct" if case.depth is None else f"path, {case.depth}"
     l2 = block_error(a.mean(0), b.mean(0))
-    return (
-        f"| {case.scene} | {case.title} | {how} | {100 * mean:+.3f} ± {100 * error:.3f} % | {100 * l2:.2f} "
-        f"({100 * noise:.2f}) % | {np.sqrt((z * z).mean()):.2f}{expected} |"
-    )
+    numbers = mean, error, l2, noise, np.sqrt((z * z).mean())
+    cells = (*case.key(), seeds, *(f"{number:.5g}" for number in numbers))
+    return dict(zip(FIELDS, cells, strict=True))
 
 
 def _error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -131,26 +132,22 @@ def _error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Compare, print the table, and put it into the page."""
+    """Compare, and write rows; cases that are there are not measured again."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[1])
     parser.add_argument("--quick", action="store_true", help="smaller images, fewer samples")
     parser.add_argument("--spp", type=int, help="camera samples per pixel and seed (default 64)")
     parser.add_argument("--seeds", type=int, default=8, help="default 8")
-    parser.add_argument("--only", default="", help="cases whose scene or title has this in it; no page is written")
-    parser.add_argument("--page", type=Path, default=PAGE, help="the page whose table is replaced")
+    parser.add_argument("--only", default="", help="cases whose scene or title has this in it")
+    parser.add_argument("--csv", type=Path, default=CSV, help="rows of results")
     given = parser.parse_args()
     shrink, spp = (16, 16) if given.quick else (8, 64)
-    lines = [
-        "| scene | surfaces | light | mean, dmis / Mitsuba - 1 | blocks, relative L2 (noise) | r.m.s. z (of noise) |",
-        "|---|---|---|---|---|---|",
-    ]
-    print("\n".join(lines))
+    rows: list[Mapping[str, object]] = [*read_rows(given.csv)]
+    present = {tuple(row[field] for field in FIELDS[:3]) for row in rows}
     for case in cases():
-        if given.only in f"{case.scene} {case.title}":
-            lines.append(compare(case, shrink, given.spp or spp, given.seeds))
-            print(lines[-1], flush=True)
-    if not (given.only or given.quick):
-        replace_table(given.page, "mitsuba-agreement", *lines)
+        if given.only in f"{case.scene} {case.title}" and case.key() not in present:
+            rows.append(compare(case, shrink, given.spp or spp, given.seeds))
+            print(*rows[-1].values(), flush=True)
+            write_rows(given.csv, rows, FIELDS)
 
 
 if __name__ == "__main__":

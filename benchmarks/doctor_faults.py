@@ -9,7 +9,7 @@ Run: python benchmarks/doctor_faults.py [--right | --speed]               (six m
 
 from __future__ import annotations
 
-import csv
+import re
 import resource
 import subprocess
 import sys
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rows import markdown, read_rows, write_rows
 
 import dmis
 from dmis.experiment.doctor.causes import Cause
@@ -27,6 +28,7 @@ ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "examples" / "exporters"))
 import dmis_table  # type: ignore[import-not-found]
 
+CSV = ROOT / "docs" / "tables" / "doctor-faults.csv"
 SCENES = {
     "density": ("teapot-area-light", "veach-mis"),
     "area": ("teapot-area-light", "veach-mis"),
@@ -41,6 +43,18 @@ SCENES = {
 """Scenes that each fault is planted in."""
 SPP = {"normals": 256}
 """Camera samples per pixel, 64 for others: normals of smooth meshes differ little."""
+LOOKS = {
+    "density": ("no visible change", "two different formulas for one density"),
+    "area": ("bright and noisy pixels wherever the lamp shines", "a density per area: times d² / cos"),
+    "cosine": ("slightly dark pixels, darkest under grazing light", "a cosine forgotten in one pdf"),
+    "lights": ("dark pixels near lamps and in reflections", "probability 1/N of picking a lamp missing, N = 8"),
+    "twice": ("reflections of large lamps up to twice as bright", "an emitter counted twice"),
+    "sine": ("too bright below the sky's pole", "sine of the polar angle forgotten"),
+    "two-sided": ("half the brightness", "a lamp sampled on both sides"),
+    "normals": ("no change on smooth meshes", "shading normal confused with geometric normal"),
+    "lobe": ("one material too dark", "a lobe's probability missing"),
+}
+"""How an image with a fault looks, and what the fault is."""
 NAMES = {
     "density": ("p_b", "light", ""),
     "area": ("p_l", "BRDF", "cos/d^2"),
@@ -130,6 +144,24 @@ def table_of_faults(side: int = 96, seed: int = 3) -> list[dict[str, Any]]:
     return lines
 
 
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the block: what the doctor says in the first scene of each fault."""
+    said: dict[str, str] = {}
+    for row in reversed(read_rows(CSV)):
+        cause = re.sub(r" \([\d.]+ to [\d.]+\)", "", row["cause"]).removesuffix(" times what it should be")
+        said[row["fault"]] = cause.replace(" x ", " × ")
+    rows = [[look, said[fault], why] for fault, (look, why) in LOOKS.items()]
+    return {"doctor.md: faults": markdown(["what you see", "what the doctor says", "why"], rows)}
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return how many faults are found and named."""
+    rows = read_rows(CSV)
+    found, named = (sum(row[column] == "True" for row in rows) for column in ("found", "named"))
+    all_found = "all " if found == len(rows) else f"{found} of "
+    return {"doctor.md": [f"The doctor detects {all_found}{len(rows)} planted faults and names {named};"]}
+
+
 def false_alarms(shape: tuple[int, int] | int, seeds: range, spp: int = 16) -> None:
     """Print which right tables of all shipped scenes alarm; `shape` is that of the image, or its longer side."""
     alarms = []
@@ -170,11 +202,7 @@ def run() -> None:
         return
     if "--right" not in sys.argv:
         lines = table_of_faults()
-        columns = list(dict.fromkeys(key for line in lines for key in line))
-        with open(ROOT / "docs" / "tables" / "doctor-faults.csv", "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, columns, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(lines)
+        write_rows(CSV, lines, list(dict.fromkeys(key for line in lines for key in line)))
     false_alarms(64, range(5))
     false_alarms((24, 24), range(100, 130))
 

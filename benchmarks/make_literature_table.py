@@ -1,23 +1,24 @@
-"""Score the rules of examples/literature on MIS-Bench, and write their table (docs/literature.md).
+"""Score the rules of examples/literature on MIS-Bench, for docs/literature.md.
 
 Run: python benchmarks/make_literature_table.py    (a minute, with the data that mis_bench.py makes)
 
-The scores of each scene and seed are in docs/tables/literature.csv, and their means in the table of the page.
+The scores of each scene and seed are in docs/tables/literature.csv; rules that are there are not scored again.
 """
 
-import csv
-import sys
+from __future__ import annotations
+
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from rows import markdown, read_rows, write_rows
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
-from common import ROOT, replace_table
+from dmis.experiment.bench.judge import COLUMNS, Score, interval
 
-from dmis.base.plugins import load_plugin
-from dmis.experiment.bench.judge import COLUMNS, score
-
-FILES = ("hua2025", "grittmann2019", "inverse_moments", "grittmann2022")
+ROOT = Path(__file__).resolve().parents[1]
+CSV = ROOT / "docs" / "tables" / "literature.csv"
+FIELDS = ("rule", "scene", "seed", *COLUMNS)
+PLUGINS = ("hua2025", "grittmann2019", "inverse_moments", "grittmann2022")
 RULES = {
     "Hua et al. 2025": "hua2025",
     "Hua et al. 2025, sky": "hua2025:sky=yes",
@@ -32,26 +33,43 @@ RULES = {
 """Rules of the table by their names there."""
 
 
+def scores() -> dict[str, Score]:
+    """Return the scores of all rules by their names."""
+    values: dict[str, dict[str, list[list[float]]]] = {}
+    for row in read_rows(CSV):
+        columns = [float(row[column]) for column in COLUMNS]
+        values.setdefault(row["rule"], {}).setdefault(row["scene"], []).append(columns)
+    return {
+        rule: Score(rule, {scene: np.array(columns) for scene, columns in scenes.items()})
+        for rule, scenes in values.items()
+    }
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the block: geometric means over scenes, with intervals over seeds."""
+    rows = []
+    for name, score in scores().items():
+        pairs = [interval(column, False) for column in score.over_scenes()[:, :2].T]
+        rows.append([name, *(f"{mean:.2f} ± {half:.2f}" for mean, half in pairs)])
+    return {"literature.md: literature": markdown(["geometric mean of all scenes", "absolute", "relative"], rows)}
+
+
 def main() -> None:
-    """Score all rules, write the CSV file, and replace the table of the page."""
-    for name in FILES:
+    """Score all rules."""
+    from dmis.base.plugins import load_plugin
+    from dmis.experiment.bench.judge import score
+
+    for name in PLUGINS:
         load_plugin(ROOT / "examples" / "literature" / f"{name}.py")
-    scores = {name: score(rule) for name, rule in RULES.items()}
-    with open(ROOT / "docs" / "tables" / "literature.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["rule", "scene", "seed", *COLUMNS])
-        for name, result in scores.items():
-            for scene, values in result.values.items():
-                writer.writerows([name, scene, seed, *(f"{x:.4g}" for x in row)] for seed, row in enumerate(values))
-    rows = [["geometric mean of all scenes", "absolute", "relative"]]
-    for name, result in scores.items():
-        seeds = result.over_scenes()[:, :2]
-        # t quantile of four seeds, over the root of their number
-        half = 3.182 * seeds.std(axis=0, ddof=1) / np.sqrt(len(seeds))
-        rows.append([name, *(f"{m:.2f} ± {h:.2f}" for m, h in zip(seeds.mean(axis=0), half))])
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    lines.insert(1, f"|{'---|' * len(rows[0])}")
-    replace_table(ROOT / "docs" / "literature.md", "literature", *lines)
+    rows: list[Mapping[str, object]] = [*read_rows(CSV)]
+    present = {row["rule"] for row in rows}
+    for name, rule in RULES.items():
+        if name not in present:
+            for scene, values in score(rule).values.items():
+                texts = [[f"{x:.4g}" for x in columns] for columns in values]
+                rows += [dict(zip(FIELDS, (name, scene, n, *text), strict=True)) for n, text in enumerate(texts)]
+            write_rows(CSV, rows, FIELDS)
+            print(name, flush=True)
 
 
 if __name__ == "__main__":

@@ -4,23 +4,25 @@ What a cluster costs
 
 Measures what docs/cluster.md says of many workers: bytes of a scene, of a tile and of its result; seconds to render a
 tile and to merge it; tasks that Dask's scheduler handles; and whole renders on one and two worker processes of this
-machine, whose table goes into the page. The last table is computed from these, for 1,000 workers, and says so. Takes a
-minute or two; nothing else should run meanwhile.
+machine. Takes a minute or two; nothing else should run meanwhile. Rows go to docs/tables/cluster.csv, from which
+`tables` and `sentences` are made.
 """
 
+from __future__ import annotations
+
 import argparse
-import math
 import pickle
-import platform
 import sys
 import tempfile
 import time
-from datetime import date
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-from common import ROOT, replace_table
+from common import ROOT
+from rows import markdown, read_rows, write_rows
 
 import dmis
 from dmis.fit.rule import next_round
@@ -29,29 +31,29 @@ from dmis.pipeline.executor import _send
 from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
-from dmis.pipeline.tile import make_tiles, render_tile
+from dmis.pipeline.tile import Tile, make_tiles, render_tile
 
-PAGE = ROOT / "docs" / "cluster.md"
-RULE, SPP = "auto", 128
+CSV = ROOT / "docs" / "tables" / "cluster.csv"
+FIELDS = ("quantity", "value")
+SCENE, RULE, SPP = "killeroo-diffuse", "auto", 128
+STAGES = ("total", "pilot", "fit", "render")
+RENDERS = {"thread": "1 thread, no cluster", "1 worker": "1 worker process", "2 workers": "2 worker processes"}
+"""Renders, and what the table calls them."""
 
 
-def main():
-    """Measure, print the tables, and put them into the page."""
+def measure(size: tuple[int, int], tasks: int) -> Iterator[tuple[str, float]]:
+    """Yield each quantity and its value; nothing that Dask renders may differ by a bit."""
     from distributed import Client, LocalCluster
 
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[3])
-    parser.add_argument("--quick", action="store_true", help="a small image: seconds")
-    parser.add_argument("--page", type=Path, default=PAGE, help="the page whose tables are replaced")
-    given = parser.parse_args()
-    size, tasks = ((64, 48), 200) if given.quick else ((256, 192), 2000)
-
-    scene = dmis.load_scene("killeroo-diffuse", size)
+    scene = dmis.load_scene(SCENE, size)
     alone, finals = dmis.render(scene, RULE, SPP, parallel=1), final_tiles(scene)
-    tile_seconds = alone.seconds["render"] / len(finals)
-    merge, logged = (merge_seconds(scene, finals, file) for file in (False, True))
-    renders = [f"| {scene.name}, {RULE}, {SPP} samples | seconds | pilot | fit | final |", "|---|---|---|---|---|"]
-    renders.append(row("1 thread, no cluster", alone.seconds))
-    rate = broadcast = 0.0
+    yield from of_render("thread", alone)
+    yield "seconds of a tile", alone.seconds["render"] / len(finals)
+    yield "seconds to merge a tile", merge_seconds(scene, finals, file=False)
+    yield "seconds to merge a tile with a checkpoint", merge_seconds(scene, finals, file=True)
+    yield "kB of a tile", len(pickle.dumps(finals[-1])) / 1e3
+    yield "kB of its result", len(pickle.dumps(render_tile(scene, finals[-1]))) / 1e3
+    yield "MB of the scene", len(pickle.dumps(scene)) / 1e6
     for workers in (1, 2):
         with (
             LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
@@ -61,46 +63,25 @@ def main():
             dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, parallel=executor)  # what is slow the first time
             result = dmis.render(scene, RULE, SPP, parallel=executor)
             assert (result.image == alone.image).all()
-            renders.append(row(f"{workers} worker process{'es' * (workers > 1)}", result.seconds))
-            begin = time.perf_counter()
-            for future in [executor.submit(int, k) for k in range(tasks)]:
-                future.result()
-            rate = tasks / (time.perf_counter() - begin)
-            begin = time.perf_counter()
-            sent = _send(executor, scene)
-            broadcast = time.perf_counter() - begin
-            del sent
-
-    busy = 1000 / tile_seconds
-    up, down = (len(pickle.dumps(x)) for x in (finals[-1], render_tile(scene, finals[-1])))
-    megabytes = len(pickle.dumps(scene)) / 1e6
-    last = [
-        f"| of {scene.name} | one tile or worker, measured | 1,000 workers, **extrapolated** |",
-        "|---|---|---|",
-        f"| rendering | {tile_seconds:.3f} s per tile of {finals[-1].rows[1] - finals[-1].rows[0]} rows | "
-        f"{busy:.0f} tiles/s |",
-        f"| scheduler | {rate:.0f} empty tasks/s, with 2 workers | busy with {rate * tile_seconds:.0f} workers |",
-        f"| merge | {merge * 1e3:.2f} ms per tile, {logged * 1e3:.2f} ms with a checkpoint | "
-        f"{busy * merge:.1f} s of work per second, {busy * logged:.1f} s with a checkpoint |",
-        f"| network, out of the client | {up / 1e3:.0f} kB per tile | {busy * up / 1e6:.0f} MB/s |",
-        f"| network, into the client | {down / 1e3:.0f} kB per tile | {busy * down / 1e6:.0f} MB/s |",
-        f"| scene | {megabytes:.1f} MB, {broadcast:.2f} s to 2 workers | {megabytes:.0f} MB to each, in a tree of "
-        f"depth {math.ceil(math.log2(1000))}; some {broadcast * math.log2(1000):.1f} s |",
-        f"| fit, in the client | {alone.seconds['fit']:.2f} s | {alone.seconds['fit']:.2f} s, while all wait |",
-    ]
-    text = "\n".join(
-        [
-            f"Made on {date.today()} with `benchmarks/measure_cluster.py`; {size[0]}×{size[1]} pixels, {RULE}, {SPP} "
-            f"samples per pixel; {platform.machine()}, Python {platform.python_version()}.",
-            *("", *renders),
-        ]
-    )
-    print("\n".join([text, "", *last]))
-    if not given.quick or given.page != PAGE:
-        replace_table(given.page, "cluster", text)
+            yield from of_render("2 workers" if workers == 2 else "1 worker", result)
+            if workers == 2:
+                begin = time.perf_counter()
+                for future in [executor.submit(int, k) for k in range(tasks)]:
+                    future.result()
+                yield "tasks per second", tasks / (time.perf_counter() - begin)
+                begin = time.perf_counter()
+                sent = _send(executor, scene)
+                yield "seconds to send the scene to 2 workers", time.perf_counter() - begin
+                del sent
 
 
-def final_tiles(scene):
+def of_render(name: str, result: dmis.Result) -> Iterator[tuple[str, float]]:
+    """Yield the seconds of the stages of a render."""
+    for stage in STAGES:
+        yield f"{name}: {stage}", result.seconds[stage]
+
+
+def final_tiles(scene: dmis.Scene) -> list[Tile]:
     """Return the tiles of the final round."""
     job = resolve(scene, RULE, SPP, 0, dmis.Settings())
     rounds, film = job.rule.rounds(job.budget), None
@@ -111,7 +92,7 @@ def final_tiles(scene):
     return tiles
 
 
-def merge_seconds(scene, tiles, file):
+def merge_seconds(scene: dmis.Scene, tiles: list[Tile], file: bool) -> float:
     """Return the seconds to merge one of `tiles` into the film, and to append it to a checkpoint if `file`."""
     film_tile = render_tile(scene, tiles[0])
     with tempfile.TemporaryDirectory() as folder:
@@ -126,10 +107,44 @@ def merge_seconds(scene, tiles, file):
     return seconds
 
 
-def row(name, seconds):
-    """A line of the table of whole renders."""
-    parts = " | ".join(f"{seconds[k]:.2f}" for k in ("total", "pilot", "fit", "render"))
-    return f"| {name} | {parts} |"
+def values() -> dict[str, float]:
+    """Return the measured quantities by name."""
+    return {row["quantity"]: float(row["value"]) for row in read_rows(CSV)}
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the block."""
+    of = values()
+    rows = [[title, *(f"{of[f'{name}: {stage}']:.2f}" for stage in STAGES)] for name, title in RENDERS.items()]
+    head = [f"{SCENE}, {RULE}, {SPP} samples", "seconds", "pilot", "fit", "final"]
+    return {"cluster.md: cluster": markdown(head, rows)}
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return what the page says of tiles and workers."""
+    of = values()
+    seconds, rate = of["seconds of a tile"], of["tasks per second"]
+    return {
+        "cluster.md": [
+            f"a tile takes {seconds:.2f} s, and Dask's scheduler handles some {rate:.0f} tasks per second, so it is "
+            f"busy with {rate * seconds:.0f} workers.",
+            f"A tile is {of['kB of a tile']:.0f} kB on the way out and {of['kB of its result']:.0f} kB on the way back",
+            f"merging takes {1e3 * of['seconds to merge a tile']:.2f} ms.",
+        ]
+    }
+
+
+def main() -> None:
+    """Measure, and write the rows."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[3])
+    parser.add_argument("--quick", action="store_true", help="a small image: seconds")
+    parser.add_argument("--csv", type=Path, default=CSV, help="rows of results")
+    given = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    for quantity, value in measure(*(((64, 48), 200) if given.quick else ((256, 192), 2000))):
+        rows.append({"quantity": quantity, "value": f"{value:.4g}"})
+        print(quantity, rows[-1]["value"], flush=True)
+    write_rows(given.csv, rows, FIELDS)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,7 @@
-"""Make the data of MIS-Bench, validate its scores by renders, and write its table of results (docs/mis-bench.md).
+"""Make the data of MIS-Bench, and validate its scores by renders (docs/mis-bench.md).
 
 Run: python benchmarks/mis_bench.py                      (makes what is missing of the data, about ten minutes)
      python benchmarks/mis_bench.py --validate           (compares predicted and measured errors; of --rules RULE ...)
-     python benchmarks/mis_bench.py --page               (scores rules, and writes mis-bench.md, what-weights-save.md)
-     python benchmarks/mis_bench.py --confirm --scenes teapot-area-light,killeroo-diffuse   (renders at full size)
 """
 
 from __future__ import annotations
@@ -17,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rows import read_rows, write_rows
+from show_weights import OTHERS, REQUIRED, VALIDATED_CSV, VALIDATED_FIELDS, ordered_pairs, validated
 from weight_bounds import draw, patch_probabilities
 
 from dmis.base.atomic_files import replacing
@@ -241,37 +241,26 @@ def make_data(scenes: Sequence[str], seeds: Sequence[int]) -> None:
 
 # Renders ------------------------------------------------------------------------------------------------------------
 
-REQUIRED = ("fixed:0.25", "balance", "fixed:0.75", "random", "thesis")
-"""Rules whose predictions are validated; those of `OTHERS` with less precision, for the order of all ten."""
-OTHERS = ("thesis:weigh=samples", "second-moment", "auto", "pbrt", "fixed:1")
-
 
 def validate(scenes: Sequence[str], rules: Sequence[str] = (*REQUIRED, *OTHERS)) -> None:
-    """Print predicted over measured error times cost of maps, and the rank correlation of their order."""
-    pairs, agreeing = np.zeros((2, 2))
-    named = [item for rule in rules for item in rules_of(rule).items()]
+    """Write predicted and measured error times cost of maps of rules, and print how many pairs are in one order."""
+    rows: list[Mapping[str, object]] = [*read_rows(VALIDATED_CSV)]
+    present = {(row["scene"], row["rule"]) for row in rows}
+    named = {name: rule for text in rules for name, rule in rules_of(text).items()}
     for name in scenes:
         truth, pilots = read_truth(path_of(name)), read_pilots(path_of(name, 0))
-        rows = []
-        for text, rule in named:
+        for text, rule in ((text, rule) for text, rule in named.items() if (name, text) not in present):
             final = decide(random_shares if text == "random" else rule, pilots)
             # at few samples, whole numbers of samples cost error where shares are near 0 or 1
             spp = 256 if text == "random" else 32
             value, error = measure(*load(name), final, SECONDS if text in REQUIRED else SECONDS / 2, spp)
-            predicted = np.array([error_time(final, truth, m) for m in range(2)])
-            rows.append((predicted, value, error))
-            ratio = fmt(predicted / value)
-            print(
-                f"{name:18} {text:21} predicted {fmt(predicted)}, over measured {ratio}, s.e. {fmt(error)}", flush=True
-            )
-        predicted, value, error = (np.array(a) for a in zip(*rows, strict=True))
-        i, j = np.triu_indices(len(rows), 1)
-        apart = np.abs(value[i] - value[j]) > 1.96 * (error * value)[i] + 1.96 * (error * value)[j]
-        same = np.sign(value[i] - value[j]) == np.sign(predicted[i] - predicted[j])
-        pairs, agreeing = pairs + apart.sum(axis=0), agreeing + (apart & same).sum(axis=0)
-        tau = (2 * (apart & same).sum(axis=0) - apart.sum(axis=0)) / np.maximum(apart.sum(axis=0), 1)
-        print(f"{name:18} pairs with disjoint intervals {apart.sum(axis=0)}, Kendall's tau {fmt(tau)}", flush=True)
-    print(f"all scenes: pairs {pairs}, Kendall's tau {fmt((2 * agreeing - pairs) / pairs)}")
+            numbers = *(error_time(final, truth, m) for m in range(2)), *value, *error
+            rows.append(dict(zip(VALIDATED_FIELDS, (name, text, *(f"{x:.5g}" for x in numbers)), strict=True)))
+            write_rows(VALIDATED_CSV, rows, VALIDATED_FIELDS)
+            print(f"{name:18} {text:21} predicted, measured, s.e.: {fmt(np.array(numbers))}", flush=True)
+    validated.cache_clear()
+    pairs, agreeing = ordered_pairs(scenes, named)
+    print(f"pairs with disjoint intervals {pairs}, in the predicted order {agreeing}")
 
 
 if __name__ == "__main__":
@@ -285,14 +274,6 @@ if __name__ == "__main__":
     parser.add_argument(
         "--rules", nargs="+", default=(*REQUIRED, *OTHERS), metavar="RULE", help="rules or Python files to validate"
     )
-    parser.add_argument(
-        "--confirm", action="store_true", help="render full-size images with one weight, for docs/what-weights-save.md"
-    )
-    parser.add_argument(
-        "--page",
-        action="store_true",
-        help="write mis-bench.md, what-weights-save.md",
-    )
     options = parser.parse_args()
     names = options.scenes.split(",")
     if unknown := set(names) - {*SCENES, *FULL, *PACKAGED}:
@@ -301,11 +282,3 @@ if __name__ == "__main__":
     make_data([name for name in names if name in (*FULL, *PACKAGED)], [0])
     if options.validate:
         validate(names, options.rules)
-    if options.page or options.confirm:
-        from weights_page import JUDGED, confirm, write_pages  # they import this file
-
-        if options.page:
-            make_data(JUDGED, [0])
-            write_pages(names)
-        if options.confirm:
-            confirm(names)

@@ -1,22 +1,20 @@
-"""Figures of docs/what-weights-save.md: bounds and rules by scene, and why bounds depend on the resolution."""
+"""Figure of docs/what-weights-save.md: why bounds depend on the resolution."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mis_bench import cropped
-from weight_bounds import BOUNDS, ShareTiltMoments, resized, variance
+from weight_bounds import ShareTiltMoments, resized, variance
 
 from dmis import plot
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.judge import Score, interval
 from dmis.experiment.bench.rendered import load
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Round, pilot_settings
@@ -26,39 +24,10 @@ from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
-SHOWN = {"thesis": "s", "Hua et al. 2025": "D", "second-moment": "^", "shares of auto": "v"}
-"""Rules of the figure, and their marks."""
 VIEWS, VIEW = {"teapot-area-light": (24, 73), "killeroo-diffuse": (96, 84)}, 25
 """Top left pixels of parts of images at an eighth of their side, row and column, and the side of the parts there."""
 SIDE, SPP = 4, 256
 """Pixels of a side of a tile, whose camera samples are one batch, and camera samples per pixel."""
-
-
-def draw_bounds(found: Mapping[tuple[str, str], Any], large: Mapping[str, Score], names: Sequence[str]) -> None:
-    """Draw a panel per scene: bounds at both sizes, and what rules reach at full size."""
-    figure, axes = plot.canvas(2, 4, 15, 8, sharey=True, sharex=True)
-    shown = [name for name in BOUNDS if name != "counts, shares and tilts"]
-    for axis, name in zip(axes.flat, names, strict=False):
-        for size, colour, shift in (("quarter", "C1", -0.12), ("full", "C0", 0.12)):
-            (width, height), values = found[name, size]
-            value, half = values[0][:, 1 : 1 + len(shown)]
-            rows = np.arange(len(shown)) + shift
-            axis.errorbar(value, rows, xerr=half, fmt="o", color=colour, label=f"best weights, {size} size")
-        for row, (rule, mark) in enumerate(SHOWN.items(), len(shown)):
-            if f"full-{name}" not in large[rule].values:
-                continue
-            mean, half = interval(large[rule].values[f"full-{name}"][:, 0], True)
-            axis.errorbar(min(mean, 1.45), row, xerr=half, fmt=mark, color="black")
-        axis.axvline(1, color="grey", linewidth=0.8)
-        axis.set_yticks(range(len(shown) + len(SHOWN)), [*shown, *SHOWN])
-        axis.set_title(f"{name}, {found[name, 'full'][0][0]}x{found[name, 'full'][0][1]}", fontsize=10)
-        axis.set_xlim(0, 1.5)
-        axis.invert_yaxis() if axis is axes.flat[0] else None
-    for axis in axes[1]:
-        axis.set_xlabel("error x cost over balance (absolute)")
-    handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2)
-    _write(figure, "what-weights-save")
 
 
 def draw_edges() -> None:
@@ -74,7 +43,7 @@ def draw_edges() -> None:
             shown = plot.heat(axis, part, f"image of {width}x{height} pixels", cmap="magma", vmin=0, vmax=1)
             axis.set_facecolor("0.6")
     figure.colorbar(shown, ax=axes, label="part of the variance at w = 1/2 that no weight changes")
-    _write(figure, "edges-and-resolution")
+    write(figure, "edges-and-resolution")
 
 
 def edge_map(scene: Scene, settings: Settings, spp: int = SPP) -> Array:
@@ -101,7 +70,7 @@ def edge_map(scene: Scene, settings: Settings, spp: int = SPP) -> Array:
     return np.where(low, np.nan, np.clip(part / np.where(low, 1, v), 0, 1))
 
 
-def _write(figure: Any, stem: str) -> None:
+def write(figure: Any, stem: str) -> None:
     """Write a figure as WebP."""
     from PIL import Image
 

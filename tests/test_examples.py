@@ -255,20 +255,6 @@ def test_numbers_of_the_reproduction_have_a_source():
             assert [n for n in re.findall(r"\d+\.\d+", text) if n not in source] == [], line
 
 
-@pytest.mark.parametrize(
-    "script, arguments, counts",
-    [
-        ("make_parabola_table", ("--seeds", "1"), {"| 4 | ": 4, "<!-- parabola: begin -->": 1, "nan": 0}),
-    ],
-)
-def test_tables_of_rules(run, tmp_path, script, arguments, counts):
-    """Cells of the tables that compare rules on the four scenes, at the end of a page that has none."""
-    page = tmp_path / "page.md"
-    run(ROOT / "benchmarks" / f"{script}.py", *arguments, "--page", page)
-    text = page.read_text("utf-8")
-    assert {part: text.count(part) for part in counts} == counts
-
-
 MEASUREMENTS = [
     (
         "make_points_table",
@@ -277,6 +263,7 @@ MEASUREMENTS = [
         {"| tt ": 7, "| `auto` |": 1},
     ),
     ("measure_pattern_harm", "", ("--seeds", "4", "--scenes", "teapot-area-light", "tt"), {"% ± ": 4}),
+    ("make_parabola_table", "", ("--seeds", "1"), {"| 4 | ": 4, "nan": 0}),
     pytest.param("make_ladder_table", "", (), {"| B": 8, "|  | ": 3}, marks=pytest.mark.slow),
     pytest.param("make_simplex_table", "", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24}, marks=pytest.mark.slow),
     pytest.param(
@@ -305,15 +292,15 @@ def test_measurements_are_resumed_and_make_tables(run, tmp_path, monkeypatch, sc
 
 
 @pytest.mark.slow
-def test_cluster_tables(cache, tmp_path):
-    """A table of renders with the same bits in the page, and one of what follows for many workers."""
+def test_cluster_tables(cache, tmp_path, monkeypatch):
+    """A table of renders with the same bits, and sentences of what follows for many workers."""
     pytest.importorskip("distributed")
-    page = tmp_path / "page.md"
-    page.write_text("before\n", "utf-8")
-    printed = run_process(ROOT / "benchmarks" / "measure_cluster.py", cache, "--page", page)
-    text = page.read_text("utf-8")
-    assert text.startswith("before\n") and "| 2 worker processes |" in text and "**extrapolated**" in printed
-    assert "nan" not in printed and "inf" not in printed
+    rows = tmp_path / "cluster.csv"
+    run_process(ROOT / "benchmarks" / "measure_cluster.py", cache, "--csv", rows)
+    shown = importlib.import_module("measure_cluster")
+    monkeypatch.setattr(shown, "CSV", rows)
+    lines = [*shown.tables()["cluster.md: cluster"], *shown.sentences()["cluster.md"]]
+    assert "| 2 worker processes |" in lines[-4] and "nan" not in " ".join(lines) and len(lines) == 8
 
 
 def test_report(run, tmp_path):

@@ -1,0 +1,287 @@
+"""Tables of docs/mis-bench.md and docs/what-weights-save.md, and the figure of bounds, from docs/tables alone."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from rows import markdown, read_rows
+
+from dmis.base.vectors import Array
+from dmis.experiment.bench.judge import COLUMNS, Score, interval
+
+TABLES = Path(__file__).resolve().parents[1] / "docs" / "tables"
+SCORES_CSV, BOUNDS_CSV, RENDERS_CSV = (TABLES / f"{n}.csv" for n in ("mis-bench", "weight-bounds", "weight-renders"))
+VALIDATED_CSV = TABLES / "mis-bench-renders.csv"
+SCORE_FIELDS = ("rule", "scene", "part", *COLUMNS)
+"""`part` is a seed of small images, and a group of blocks that is left out of large ones."""
+BOUND_FIELDS = ("scene", "size", "width", "height", "measure", "bound", "value", "half")
+RENDER_FIELDS = ("scene", "bound", "w", "value", "half")
+MEASURES = ("absolute", "relative")
+VALIDATED_FIELDS = ("scene", "rule", *(f"{kind} {m}" for kind in ("predicted", "measured", "s.e.") for m in MEASURES))
+REQUIRED = ("fixed:0.25", "balance", "fixed:0.75", "random", "thesis")
+"""Rules whose predictions are validated; those of `OTHERS` with less precision, for the order of all ten."""
+OTHERS = ("thesis:weigh=samples", "second-moment", "auto", "pbrt", "fixed:1")
+LITERATURE = {
+    "Hua et al. 2025": "hua2025",
+    "Grittmann et al. 2019": "grittmann2019",
+    "inverse second moments": "inverse-moments",
+    "Grittmann et al. 2022 (shares)": "grittmann2022",
+}
+"""Rules of examples/literature, by their names in tables."""
+TILTS_OF_PATCHES = "best tilts"
+"""Name of the best tilt of each patch among the scores."""
+KINDS = (
+    "camera samples",
+    "one tilt",
+    "tilt per patch",
+    "one share",
+    "share per patch",
+    "share and tilt",
+    "counts",
+    "counts and shares",
+    "counts, shares and tilts",
+)
+"""The part of the variance at w = 1/2 that comes from where camera samples meet the scene; `weight_bounds.BOUNDS`."""
+THESIS = {"teapot-area-light": 0.802, "killeroo-diffuse": 0.935, "killeroo-gold": 1.119, "tt": 1.286}
+"""The thesis's MSE over that of the balance heuristic at equal samples, its Table 4.1."""
+PILOT = 128 / 122
+"""Of 128 samples 6 are the pilot's, which is not part of the image."""
+TILTS = ("thesis", "Hua et al. 2025", "Grittmann et al. 2019")
+SHARES = ("light only", "second-moment", "shares of auto")
+"""Rules whose distance to the best tilts, and to the best shares, the page shows."""
+SHOWN = {"thesis": "s", "Hua et al. 2025": "D", "second-moment": "^", "shares of auto": "v"}
+"""Rules of the figure, and their marks."""
+Rows = list[list[str]]
+Scores = Mapping[str, Score]
+
+
+# Scores -------------------------------------------------------------------------------------------------------------
+
+
+@cache
+def scores(full: bool) -> dict[str, Score]:
+    """Return the scores of all rules at one size, by their names; scenes are without the prefix of the size."""
+    values: dict[str, dict[str, list[list[float]]]] = {}
+    for row in read_rows(SCORES_CSV):
+        if row["scene"].startswith("full-") == full:
+            scene = row["scene"].removeprefix("full-")
+            columns = [float(row[column]) for column in COLUMNS]
+            values.setdefault(row["rule"], {}).setdefault(scene, []).append(columns)
+    return {
+        rule: Score(rule, {scene: np.array(columns) for scene, columns in of_rule.items()}, full)
+        for rule, of_rule in values.items()
+    }
+
+
+def rules(large: Scores) -> list[str]:
+    """Return the names of the rules, without that of the best tilts."""
+    return [name for name in large if name != TILTS_OF_PATCHES]
+
+
+def leading_rows(large: Scores, small: Scores) -> Rows:
+    """Return the rows of the table of MIS-Bench: two numbers per rule and size, geometric means of the scenes."""
+    return [
+        [
+            name,
+            *(cell(*interval(of[name].over_scenes()[:, m], of[name].blocks)) for of in (large, small) for m in (0, 1)),
+        ]
+        for name in rules(large)
+    ]
+
+
+def reached_rows(large: Scores) -> Rows:
+    """Return by scene the absolute error of rules over that of the best tilts, or shares, of the same blocks."""
+    rows, logs = [], []
+    for scene in large["balance"].values:
+        least = {name: large[name].values[scene][:, 0] for name in (TILTS_OF_PATCHES, "oracle")}
+        ratios = [large[name].values[scene][:, 0] / least[TILTS_OF_PATCHES] for name in TILTS]
+        ratios += [large[name].values[scene][:, 0] / least["oracle"] for name in SHARES]
+        logs.append(np.log(ratios))
+        rows.append([scene, *(cell(*interval(ratio, True)) for ratio in ratios)])
+    means = np.exp(np.mean(logs, axis=0))
+    return [*rows, ["geometric mean", *(cell(*interval(ratio, True)) for ratio in means)]]
+
+
+def order_rows(large: Scores, small: Scores) -> Rows:
+    """Return by scene how many pairs of rules have a sure order at both sizes, and how many of these differ.
+
+    An order is sure if the interval of the logarithm of the ratio, of the same seeds or blocks, excludes 0.
+    """
+    rows = []
+    names = [name for name in rules(large) if "oracle" not in name]
+    for scene in large["balance"].values:
+        sure, differ = 0, 0
+        for i, first in enumerate(names):
+            for second in names[i + 1 :]:
+                signs = [order(of[first], of[second], scene) for of in (small, large)]
+                sure += all(signs)
+                differ += signs[0] * signs[1] < 0
+        rows.append([scene, str(sure), str(differ)])
+    return rows
+
+
+def order(first: Score, second: Score, scene: str) -> int:
+    """Return -1 or 1 if the interval of the absolute error over the other rule's is below or above 1, else 0."""
+    ratio = np.log(first.values[scene][:, 0] / second.values[scene][:, 0])
+    mean, half = interval(ratio, first.blocks)
+    return int(np.sign(mean)) if abs(mean) > max(half, 1e-3) else 0
+
+
+def thesis_rows(large: Scores) -> Rows:
+    """Return for the thesis's scenes its ratio of errors at equal samples, that of its rule here, and the least."""
+    rows = []
+    for name, ratio in THESIS.items():
+        least = bounds(name, "full", "absolute, equal samples")
+        columns = [least[:, KINDS.index(f"{kind} per patch")] for kind in ("tilt", "share")]
+        pairs = [interval(large["thesis"].values[name][:, 0], True), *((value, half) for value, half in columns)]
+        rows.append([name, f"{ratio:.3f}", *(cell(PILOT * value, PILOT * half) for value, half in pairs)])
+    return rows
+
+
+# Bounds -------------------------------------------------------------------------------------------------------------
+
+
+@cache
+def bounds(scene: str, size: str, measure: str) -> Array:
+    """Return the values of `KINDS`, and halves of their intervals, ``(2, kinds)``."""
+    key = {"scene": scene, "size": size, "measure": measure}
+    rows = {row["bound"]: row for row in read_rows(BOUNDS_CSV) if key.items() <= row.items()}
+    return np.array([[float(rows[kind][column]) for kind in KINDS] for column in ("value", "half")])
+
+
+def sizes() -> dict[str, tuple[str, str]]:
+    """Return by scene width and height at full size."""
+    return {row["scene"]: (row["width"], row["height"]) for row in read_rows(BOUNDS_CSV) if row["size"] == "full"}
+
+
+def bound_rows() -> Rows:
+    """Return by scene the absolute bounds at full size (at a quarter of the side), and means of both measures."""
+
+    def cells(large: Array, small: Array) -> list[str]:
+        return [f"{a:.2f} ({b:.2f})" for a, b in zip(large[:-1], small[:-1], strict=True)]
+
+    rows = []
+    for name, (width, height) in sizes().items():
+        rows.append([name, f"{width}x{height}", *cells(*(bounds(name, size, "absolute")[0] for size in SIZES))])
+    for measure in MEASURES:
+        means = [np.exp(np.mean([np.log(bounds(n, size, measure)[0]) for n in sizes()], axis=0)) for size in SIZES]
+        rows.append(["*mean*", measure, "", *cells(*means)[1:]])
+    return rows
+
+
+SIZES = ("full", "quarter")
+
+
+def render_rows() -> Rows:
+    """Return the bounds of one weight for the image beside renders with it."""
+    return [
+        [
+            row["scene"],
+            row["bound"],
+            f"{float(row['w']):.2f}",
+            cell(*bounds(row["scene"], "full", "absolute")[:, KINDS.index(row["bound"])]),
+            cell(float(row["value"]), float(row["half"])),
+        ]
+        for row in read_rows(RENDERS_CSV)
+    ]
+
+
+# Predicted and measured errors ---------------------------------------------------------------------------------------
+
+
+@cache
+def validated() -> dict[str, dict[str, Array]]:
+    """Return by scene and rule predicted and measured error times cost and its relative error, ``(3, 2 measures)``."""
+    found: dict[str, dict[str, Array]] = {}
+    for row in read_rows(VALIDATED_CSV):
+        values = [
+            [float(row[f"{kind} {measure}"]) for measure in MEASURES] for kind in ("predicted", "measured", "s.e.")
+        ]
+        found.setdefault(row["scene"], {})[row["rule"]] = np.array(values)
+    return found
+
+
+def validated_rows() -> Rows:
+    """Return by scene predicted over measured error: the least and largest of rules, and those of random shares."""
+    rows = []
+    for scene, of_scene in validated().items():
+        ratios = {rule: predicted / measured for rule, (predicted, measured, _) in of_scene.items() if rule in REQUIRED}
+        random = ratios.pop("random")
+        ends = np.array([np.min(list(ratios.values()), axis=0), np.max(list(ratios.values()), axis=0)]).T
+        texts = [f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f}–{high:.2f}" for low, high in ends]
+        rows.append([scene, *texts, ", ".join(f"{x:.2f}" for x in random)])
+    return rows
+
+
+def ordered_pairs(scenes: Iterable[str], chosen: Collection[str]) -> tuple[Array, Array]:
+    """Return the numbers of pairs of rules with disjoint intervals, and of those in the predicted order, by measure."""
+    pairs, agreeing = np.zeros((2, 2), int)
+    for scene in scenes:
+        rows = np.array([values for rule, values in validated()[scene].items() if rule in chosen])
+        predicted, value, error = np.moveaxis(rows, 1, 0)
+        i, j = np.triu_indices(len(rows), 1)
+        apart = np.abs(value[i] - value[j]) > 1.96 * (error * value)[i] + 1.96 * (error * value)[j]
+        same = np.sign(value[i] - value[j]) == np.sign(predicted[i] - predicted[j])
+        pairs, agreeing = pairs + apart.sum(axis=0), agreeing + (apart & same).sum(axis=0)
+    return pairs, agreeing
+
+
+# Tables and figure --------------------------------------------------------------------------------------------------
+
+
+def cell(value: float, half: float) -> str:
+    """Return a value and half of its interval, none if that is below 0.0005."""
+    digits = 2 if half >= 5e-3 else 3
+    return f"{value:.{digits}f}" if half < 5e-4 else f"{value:.{digits}f}±{half:.{digits}f}"
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the blocks."""
+    large, small = scores(True), scores(False)
+    page = "what-weights-save.md"
+    return {
+        "mis-bench.md: validated": markdown(["scene", *MEASURES, "random shares"], validated_rows()),
+        "mis-bench.md: mis-bench": markdown(
+            ["rule", "full size, absolute", "relative", "100x75, absolute", "relative"], leading_rows(large, small)
+        ),
+        f"{page}: bounds": markdown(["scene", "pixels", *KINDS[:-1]], bound_rows()),
+        f"{page}: reached": markdown(["scene", *TILTS, *SHARES], reached_rows(large)),
+        f"{page}: thesis": markdown(
+            ["scene", "the thesis", "`thesis` here", "best tilts", "best shares"], thesis_rows(large)
+        ),
+        f"{page}: order": markdown(["scene", "sure at both sizes", "in another order"], order_rows(large, small)),
+        f"{page}: renders": markdown(["scene", "what", "w", "bound", "renders"], render_rows()),
+    }
+
+
+def draw_bounds() -> None:
+    """Draw a panel per scene: bounds at both sizes, and what rules reach at full size."""
+    from weights_figures import write
+
+    from dmis import plot
+
+    large = scores(True)
+    figure, axes = plot.canvas(2, 4, 15, 8, sharey=True, sharex=True)
+    shown = KINDS[1:-1]
+    for axis, (name, (width, height)) in zip(axes.flat, sizes().items(), strict=False):
+        for size, colour, shift in (("quarter", "C1", -0.12), ("full", "C0", 0.12)):
+            value, half = bounds(name, size, "absolute")[:, 1:-1]
+            rows = np.arange(len(shown)) + shift
+            axis.errorbar(value, rows, xerr=half, fmt="o", color=colour, label=f"best weights, {size} size")
+        for row, (rule, mark) in enumerate(SHOWN.items(), len(shown)):
+            if name in large[rule].values:
+                mean, half = interval(large[rule].values[name][:, 0], True)
+                axis.errorbar(min(mean, 1.45), row, xerr=half, fmt=mark, color="black")
+        axis.axvline(1, color="grey", linewidth=0.8)
+        axis.set_yticks(range(len(shown) + len(SHOWN)), [*shown, *SHOWN])
+        axis.set_title(f"{name}, {width}x{height}", fontsize=10)
+        axis.set_xlim(0, 1.5)
+        axis.invert_yaxis() if axis is axes.flat[0] else None
+    for axis in axes[1]:
+        axis.set_xlabel("error x cost over balance (absolute)")
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    write(figure, "what-weights-save")

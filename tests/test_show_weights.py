@@ -1,0 +1,90 @@
+"""Rows of the tables of docs/what-weights-save.md, from planted scores and patches."""
+
+import measure_weights
+import numpy as np
+import pytest
+import show_weights
+from rows import write_rows
+from weight_bounds import BOUNDS
+
+from dmis.experiment.bench.data import GRID, HALF, Truth
+from dmis.experiment.bench.judge import Score
+from tests.test_weight_bounds import planted
+
+
+def of(small: list[float], large: list[float]) -> tuple[Score, Score]:
+    """Return the scores of a rule at both sizes, of these absolute errors by seed and without a block."""
+    noise = np.random.default_rng(len(small)).normal(1, 1e-4, (12, 1))
+    rows = [np.array(errors)[:, None] * np.ones(6) for errors in (small, large)]
+    return Score("a", {"tt": rows[0]}), Score("a", {"tt": rows[1] * noise}, True)
+
+
+def test_orders_that_change() -> None:
+    """Rules whose order is sure at both sizes and not the same are told; unsure ones do not count."""
+    rules = {
+        "balance": of([1.0] * 4, [1.0] * 12),
+        "better now": of([1.1] * 4, [0.9] * 12),
+        "always better": of([0.7] * 4, [0.7] * 12),
+        "unsure": of([0.5, 1.5, 0.6, 1.9], [0.95] * 12),
+    }
+    small, large = ({name: sizes[k] for name, sizes in rules.items()} for k in range(2))
+    assert show_weights.order_rows(large, small) == [["tt", "3", "1"]]
+
+
+def test_best_tilts_count_patches_by_weight() -> None:
+    """The error of the best tilt of each patch, without each group of blocks."""
+    t = GRID[:, None].astype(float)
+    curves = np.concatenate([1 + (t - 0.5) ** 2, 2 + 0 * t], axis=1)[..., None].repeat(6, axis=1)
+    curves[3, ::2] = 0.5
+    weight = np.array([[1.0], [3.0]] * 6)
+    truth = Truth(np.broadcast_to(curves, (2, 2, *curves.shape)), curves[0], curves, (48, 4), weight, 12)
+    ratios = measure_weights.best_tilts(truth, 0)
+    assert ratios.shape == (12,)
+    expected = [
+        (curves.min(axis=0) * part.weight).sum() / (curves[HALF] * part.weight).sum() for part in truth.leave_one_out()
+    ]
+    np.testing.assert_allclose(ratios, expected)
+
+
+@pytest.fixture
+def fresh():
+    """Tables are read anew, before and after a test."""
+    caches = show_weights.scores, show_weights.bounds, show_weights.validated
+    for cache in caches:
+        cache.cache_clear()
+    yield
+    for cache in caches:
+        cache.cache_clear()
+
+
+def test_rows_of_bounds(monkeypatch: pytest.MonkeyPatch, tmp_path, fresh) -> None:
+    """Each scene has a row per size, the part of camera samples first; at equal samples cost does not count."""
+    data = planted()
+    data.position[:] = 3 * (data.terms[:, :, 0, HALF] + data.terms[:, :, 1, HALF])
+    data.cost[HALF] *= 2
+    monkeypatch.setattr(measure_weights, "read_bounds", lambda name, size: data)
+    monkeypatch.setattr(show_weights, "BOUNDS_CSV", tmp_path / "bounds.csv")
+    rows = [row for size in ("full", "quarter") for row in measure_weights.bound_rows("tt", size)]
+    write_rows(show_weights.BOUNDS_CSV, rows, show_weights.BOUND_FIELDS)
+    assert len(rows) == (3 + 2) * (1 + len(BOUNDS)) and tuple(BOUNDS) == show_weights.KINDS[1:]
+    assert (rows[0]["width"], rows[-1]["width"]) == (1500, 375)
+    row, absolute, relative = show_weights.bound_rows()
+    assert row[:3] == ["tt", "1500x833", "0.75 (0.75)"] and absolute[3:] == row[3:] == relative[3:]
+    tilt = show_weights.KINDS.index("tilt per patch")
+    equal = show_weights.bounds("tt", "full", "absolute, equal samples")[0, tilt]
+    np.testing.assert_allclose(show_weights.bounds("tt", "full", "absolute")[0, tilt], equal)  # tilts cost nothing
+
+
+def test_pairs_in_the_predicted_order(monkeypatch: pytest.MonkeyPatch, tmp_path, fresh) -> None:
+    """Pairs whose intervals overlap do not count; a pair in the other order is told, by measure."""
+    monkeypatch.setattr(show_weights, "VALIDATED_CSV", tmp_path / "validated.csv")
+    cells = [
+        ("balance", 1, 1, 1, 1, 0.01, 0.01),
+        ("thesis", 0.8, 0.8, 0.8, 1.2, 0.01, 0.01),
+        ("random", 2, 2, 1.01, 2.5, 0.01, 0.01),
+    ]
+    rows = [dict(zip(show_weights.VALIDATED_FIELDS, ("tt", *line), strict=True)) for line in cells]
+    write_rows(show_weights.VALIDATED_CSV, rows, show_weights.VALIDATED_FIELDS)
+    pairs, agreeing = show_weights.ordered_pairs(["tt"], ["balance", "thesis", "random"])
+    assert pairs.tolist() == [2, 3] and agreeing.tolist() == [2, 2]
+    assert show_weights.validated_rows() == [["tt", "1.00", "0.67–1.00", "1.98, 0.80"]]
