@@ -37,7 +37,7 @@ def test_reading_path_is_what_a_render_calls() -> None:
 
 
 def test_names_on_the_reading_path_are_where_the_page_says() -> None:
-    steps = (ROOT / "docs" / "code.md").read_text("utf-8").partition("take the files in this order:")[2]
+    steps = (ROOT / "docs" / "code.md").read_text("utf-8").partition("the files in this order:")[2]
     named = re.findall(r"`([a-z_/]+\.py)`\s+\(((?:[^()]|\([^()]*\))*)\)", steps.partition("<!-- lines")[0])
     found = [(file, name) for file, text in named for name in re.findall(r"`([A-Za-z_.]+)`", text)]
     assert len(found) >= 10
