@@ -3,11 +3,11 @@ The tables of docs/stability.md
 ===============================
 
 Where along each axis of stiffness the mean is right, how many digits are left elsewhere, and what is refused; and by
-how much the images of the scenes that come with dmis differ between float32 and float64. A few minutes.
+how much the images of the scenes that come with dmis differ between float32 and float64. A few minutes; rows go to
+docs/tables/stability.csv.
 """
 
 import sys
-from datetime import date
 from itertools import groupby
 from pathlib import Path
 
@@ -15,83 +15,110 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-from common import ROOT, options, replace_table
-from stiff import Case, beside_ball, both, chosen, measure, rounding_errors
+from common import ROOT, options
+from rows import markdown, read_rows, write_rows
+from stiff import beside_ball, both, chosen, measure, rounding_errors
 
-PAGE = ROOT / "docs" / "stability.md"
+CSV = ROOT / "docs" / "tables" / "stability.csv"
+FIELDS = ("table", "name", "value", "other", "error", "rms", "largest")
+"""Of ``map`` the relative error of a case by its axis and values; of ``ground`` what the ground of a size reflects over
+the truth, less 1, and the standard error; of ``scenes`` float32 less float64: mean, root mean square, largest."""
 PASS, LOST = 1e-3, 0.5
 """Relative errors up to which a mean passes, and from which on nothing is left of it."""
-
-opts, given = options(
-    __file__,
-    "stiff scenes with known answers, in float32 and in float64",
-    page={"type": Path, "default": PAGE, "help": "the page whose tables are replaced"},
-)
-every, size = opts.pick(9, 1), opts.pick((24, 16), (200, 133))
-cases = chosen(every)
-single, double = both(opts.pick(16, 256), every, size)
-errors = rounding_errors(single["family"], double["family"])
+Values = tuple[float, float]
+"""Value of a case, and its error."""
 
 
-# %%
-# One row per axis: ranges of values in order, each with what becomes of the mean there.
 def verdict(error: float) -> str:
-    """Pass, degraded or lost."""
+    """Return pass, degraded or lost."""
     return "pass" if error <= PASS else "lost" if error >= LOST else "degraded"
 
 
 def span(values: list[float]) -> str:
-    """First and last value."""
+    """Return the first and the last value."""
     ends = f"{values[0]:g}", f"{values[-1]:g}"
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 
-def row(axis: str, of: list[tuple[Case, float]]) -> str:
-    """All cases of an axis."""
+def axis_row(axis: str, cases: list[Values], two: bool) -> list[str]:
+    """Return the cells of an axis: ranges of values in order, each with what becomes of the mean there."""
     cells: dict[str, list[str]] = {"pass": [], "degraded": [], "lost": []}
-    two = of[0][0].other is not None
-    for kind, group in groupby(of, lambda pair: verdict(pair[1])):
+    for kind, group in groupby(cases, lambda case: verdict(case[1])):
         members = list(group)
         worst = max(error for _, error in members)
-        values = [f"{len(members)} cases"] if two else [span([case.value for case, _ in members])]
+        values = f"{len(members)} cases" if two else span([value for value, _ in members])
         if kind == "pass":
-            cells[kind].append(f"{values[0]} ({-np.log10(worst):.1f} digits or more)")
+            cells[kind].append(f"{values} ({-np.log10(worst):.1f} digits or more)")
         elif kind == "degraded":
-            cells[kind] += [f"{case.value:g}: {-np.log10(error):.1f}" for case, error in members]
+            cells[kind] += [f"{value:g}: {-np.log10(error):.1f}" for value, error in members]
         else:
-            cells[kind] += values
-    return f"| {axis} | {'; '.join(cells['pass']) or '–'} | {', '.join(cells['degraded']) or '–'} | " + (
-        f"{'; '.join(cells['lost']) or '–'} |"
+            cells[kind].append(values)
+    return [axis, "; ".join(cells["pass"]) or "–", ", ".join(cells["degraded"]) or "–", "; ".join(cells["lost"]) or "–"]
+
+
+def stiff_map(rows: list[dict[str, str]]) -> list[str]:
+    """Return the table of the axes; cases of two values are ordered by what becomes of them."""
+    lines = []
+    for axis, group in groupby(sorted(rows, key=lambda row: row["name"]), lambda row: row["name"]):
+        members = list(group)
+        two = bool(members[0]["other"])
+        cases = [(float(row["value"]), float(row["error"])) for row in members]
+        cases.sort(key=lambda case: (case[1] > PASS, case[0]) if two else (False, case[0]))
+        lines.append(axis_row(axis, cases, two))
+    return markdown(["axis", "pass, to at least 3 digits", "degraded: digits that are left", "lost"], lines)
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the blocks."""
+    rows: dict[str, list[dict[str, str]]] = {"map": [], "ground": [], "scenes": []}
+    for row in read_rows(CSV):
+        rows[row["table"]].append(row)
+    ground = [
+        [f"±10{'⁰¹²³⁴⁵⁶⁷'[int(row['name'])]}", f"{float(row['error']):+.4f}", f"{float(row['rms']):.4f}"]
+        for row in rows["ground"]
+    ]
+    scenes = [
+        [row["name"], f"{float(row['error']):+.1e}", f"{float(row['rms']):.1e}", f"{float(row['largest']):.1e}"]
+        for row in rows["scenes"]
+    ]
+    return {
+        "stability.md: map": stiff_map(rows["map"]),
+        "stability.md: ground": markdown(["ground", "radiance over the truth, less 1", "standard error"], ground),
+        "stability.md: scenes": markdown(
+            ["scene", "mean of the image", "relative RMS over pixels", "largest, of the brightest pixel"], scenes
+        ),
+    }
+
+
+def main() -> None:
+    """Measure."""
+    opts, given = options(
+        __file__,
+        "stiff scenes with known answers, in float32 and in float64",
+        csv={"type": Path, "default": CSV, "help": "rows of results"},
     )
+    every, size = opts.pick(9, 1), opts.pick((24, 16), (200, 133))
+    single, double = both(opts.pick(16, 256), every, size)
+    rows: list[dict[str, object]] = []
+    for case, error in zip(chosen(every), rounding_errors(single["family"], double["family"]), strict=True):
+        about = {"name": case.axis, "value": f"{case.value:.10g}"}
+        other = "" if case.other is None else f"{case.other:.10g}"
+        rows.append({"table": "map", **about, "other": other, "error": f"{error:.6g}"})
+    for power in range(8):  # many samples: it is the mean that says whether the shadow is there
+        found = measure(beside_ball("ground", 10.0**power), "balance", opts.pick(16, 8192), seed=2)
+        rows.append({"table": "ground", "name": power, "error": f"{found.mean - 1:.6g}", "rms": f"{found.error:.6g}"})
+    for name, image in single.items():  # the same samples in float32 and in float64
+        if name != "family":
+            exact = double[name].astype(np.float64)
+            numbers = {
+                "error": image.mean(dtype=float) / exact.mean() - 1,
+                "rms": np.sqrt(np.mean((image - exact) ** 2)) / exact.mean(),
+                "largest": np.abs(image - exact).max() / exact.max(),
+            }
+            title = f"{name} {size[0]}×{size[1]}"
+            rows.append({"table": "scenes", "name": title} | {key: f"{value:.4g}" for key, value in numbers.items()})
+    write_rows(given.csv, rows, FIELDS)
 
 
-lines = ["| axis | pass, to at least 3 digits | degraded: digits that are left | lost |", "|---|---|---|---|"]
-paired = sorted(zip(cases, errors), key=lambda pair: pair[0].axis)
-for axis, group in groupby(paired, lambda pair: pair[0].axis):
-    of = list(group)
-    of.sort(key=lambda pair: (pair[1] > PASS, pair[0].value) if pair[0].other is not None else (False, pair[0].value))
-    lines.append(row(axis, of))
-about = f"Made on {date.today()} with {int(single['family'][0, 2]):,} camera samples of the balance heuristic per case."
-replace_table(given.page, "map", about, "", *lines)
-
-# %%
-# A sphere on grounds of all sizes: more samples, because it is the mean that says whether the shadow is there.
-lines = ["| ground | radiance over the truth, less 1 | standard error |", "|---|---|---|"]
-for power in range(8):
-    found = measure(beside_ball("ground", 10.0**power), "balance", opts.pick(16, 8192), seed=2)
-    lines.append(f"| ±10{'⁰¹²³⁴⁵⁶⁷'[power]} | {found.mean - 1:+.4f} | {found.error:.4f} |")
-replace_table(given.page, "ground", *lines)
-
-# %%
-# The scenes that come with dmis: the same samples in float32 and in float64.
-lines = [
-    "| scene | mean of the image | relative RMS over pixels | largest, of the brightest pixel |",
-    "|---|---|---|---|",
-]
-for name, image in single.items():
-    if name != "family":
-        exact = double[name].astype(np.float64)
-        rms, most = np.sqrt(np.mean((image - exact) ** 2)) / exact.mean(), np.abs(image - exact).max() / exact.max()
-        mean = image.mean(dtype=float) / exact.mean() - 1
-        lines.append(f"| {name} {size[0]}×{size[1]} | {mean:+.1e} | {rms:.1e} | {most:.1e} |")
-replace_table(given.page, "scenes", "float32 less float64, 16 camera samples per pixel.", "", *lines)
+if __name__ == "__main__":
+    main()

@@ -73,6 +73,15 @@ BENCH = (
 )
 
 PIECES: tuple[Piece, ...] = (
+    # Measurements.
+    Piece(
+        "points",
+        "benchmarks/make_points_table.py",
+        "show_points",
+        ("README.md: equal time", "measurements.md: steps", "tables.md: points"),
+        ("tables/points.csv",),
+        (*BY_BALANCE, *renders_of(FOUR, "auto"), *HELD_OUT),
+    ),
     # Tables.
     Piece(
         "mis-bench",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from functools import cache
 
+import show_mitsuba
 from common import ROOT
 from equal_time import equal_time_ratio
 from pieces import FOUR
-from rows import markdown, read_runs
+from rows import markdown, read_rows, read_runs
 
 from dmis.experiment.convergence import MEASURES, Interval, Measure
 from dmis.experiment.runs import Run
@@ -102,9 +103,22 @@ def all_budgets() -> list[str]:
     return markdown(["scene", "rule", *titles], rows)
 
 
+def front() -> list[str]:
+    """Return the table of README: `auto` over the balance heuristic with the same settings, and over Mitsuba's best."""
+    mitsuba = read_rows(show_mitsuba.ERRORS)
+    rows = []
+    for scene in measured():
+        best = show_mitsuba.best(mitsuba, scene.split()[0], "auto", "relmse")
+        cells = [cell(*over(scene, AUTO, SOBOL, measure)) for measure in MEASURES]
+        rows.append([title(scene), *cells, "–" if best is None else show_mitsuba.cell(best)])
+    head = [f"{error} over `balance`, same points" for error in MEASURES.values()]
+    return markdown(["scene", *head, "relMSE over Mitsuba's best sampler"], rows)
+
+
 def tables() -> dict[str, list[str]]:
     """Return the lines of the blocks."""
     return {
+        "README.md: equal time": front(),
         "measurements.md: steps": [*steps("relmse"), "", *steps("mse")],
         "tables.md: points": all_budgets(),
     }
@@ -121,6 +135,38 @@ def percent(ratio: float) -> str:
     return f"{100 * ratio:.0f} %"
 
 
-def saved(ratio: float) -> str:
-    """Return what a ratio saves, in percent."""
-    return percent(1 - ratio)
+def sentences() -> dict[str, list[str]]:
+    """Return fragments of prose with numbers, by page."""
+    alone = [step for step in STEPS if step not in ("sky compensation", "all four")]
+    points, numbers, shares = (percent(mean_of(step, "relmse")) for step in alone)
+    squares = [percent(mean_of(step, "mse")) for step in alone]
+    won = {m: [over(scene, AUTO, SOBOL, m) for scene in measured()] for m in MEASURES}
+    saved = {m: sorted(100 * (1 - ratio.value) for ratio in ratios if ratio.high < 1) for m, ratios in won.items()}
+    sky = {measure: percent(over(scene, SOBOL, PLAIN_SOBOL, measure).value) for measure in MEASURES for scene in tt()}
+    few = {scene.split()[0]: over(scene, AUTO, SOBOL, "relmse", 16) for scene in measured()}
+    few_tt = next(over(scene, AUTO, SOBOL, "mse", 16) for scene in tt())
+    gold = next(over(scene, AUTO, SOBOL, "relmse") for scene in measured() if scene.startswith("killeroo-gold"))
+    return {
+        "README.md": [
+            f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} % of the relative error",
+            f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % of the squared error on all six",
+            f"Sobol points leave {points} of the relMSE of independent points",
+            f"sky compensation {sky['relmse']} on TT",
+            f"numbers of samples per pixel and light {numbers}",
+            f"learned shares {shares}",
+        ],
+        "measurements.md": [
+            f"Sobol points leave {points} of the relMSE and {squares[0]} of the MSE of independent points",
+            f"numbers of samples leave {numbers} and {squares[1]}",
+            f"learned shares {shares} and {squares[2]}",
+            f"On TT sky compensation leaves {sky['relmse']} and {sky['mse']}",
+            f"On KILLEROO GOLD `auto` has {gold.text()} of the relMSE",
+            f"on TT (relMSE {few['tt'].value:.2f}, MSE {few_tt.value:.2f})",
+            f"KILLEROO GOLD ({few['killeroo-gold'].value:.2f})",
+        ],
+    }
+
+
+def tt() -> list[str]:
+    """Return the scenes with a sky."""
+    return [scene for scene in measured() if scene.split()[0] in SKY]
