@@ -133,13 +133,14 @@ def files_digest(piece: Piece) -> str:
     return sha.hexdigest()[:12]
 
 
-def update_renders() -> None:
-    """Render the frozen configurations, and note fingerprints that have changed by more than rounding."""
+def update_renders(pieces: Iterable[Piece] = PIECES) -> None:
+    """Render the frozen configurations that decide pieces, and note fingerprints that differ by more than rounding."""
     rows: list[Mapping[str, object]] = [*read_rows(RENDERS)]
     before = {str(row["render"]): {key: float(str(row[key])) for key in NUMBERS} for row in rows}
     serial = 1 + newest_serial()
     scenes: dict[str, dmis.Scene] = {}
-    table = frozen.configurations()
+    begins = tuple(begin for piece in pieces for begin in piece.renders)
+    table = {name: item for name, item in frozen.configurations().items() if name.startswith(begins)}
     for n, (name, configuration) in enumerate(table.items(), 1):
         print(f"\rrender {n} of {len(table)}", end="", file=sys.stderr, flush=True)
         numbers = frozen.fingerprint(frozen.render(configuration, scenes))
@@ -246,7 +247,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.pages:
         write_pages(pieces)
         return 0
-    update_renders()
+    update_renders(pieces)
     if given.record:
         for piece in pieces:
             record(piece, given.minutes, given.commit)

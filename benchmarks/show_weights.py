@@ -257,6 +257,42 @@ def tables() -> dict[str, list[str]]:
     }
 
 
+def saved(ratio: float) -> str:
+    """Return what a ratio of errors saves, in percent."""
+    return f"{100 * (1 - ratio):.0f} %"
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return fragments of prose with numbers."""
+    full, quarter = ({name: bounds(name, size, "absolute")[0] for name in sizes()} for size in SIZES)
+
+    def of(kind: str, name: str = "", values: dict[str, Array] = full) -> float:
+        """Return a bound of a scene, or the geometric mean of all."""
+        column = {scene: float(row[KINDS.index(kind)]) for scene, row in values.items()}
+        return column[name] if name else float(np.exp(np.mean(np.log(list(column.values())))))
+
+    diffuse, pot = "killeroo-diffuse", "teapot-area-light"
+    tilts = [saved(of("tilt per patch", name)) for name in (diffuse, "veach-mis", pot, "tt")]
+    shares = sorted(1 - of("share per patch", name) for name in sizes())
+    edges = [f"{of('camera samples', name, values):.2f}" for name in (pot, diffuse) for values in (quarter, full)]
+    best = [saved(of("share per patch", name, values)) for name in (pot, diffuse) for values in (full, quarter)]
+    pairs, differ = np.sum([[int(n) for n in row[1:]] for row in order_rows(scores(True), scores(False))], axis=0)
+    means = reached_rows(scores(True))[-1][1 : 1 + len(TILTS)]
+    over = sorted(round(100 * float(text.partition("±")[0])) - 100 for text in means)
+    return {
+        "what-weights-save.md": [
+            "save {} on killeroo-diffuse, {} on veach-mis, {} on the teapot, {} on tt".format(*tilts),
+            f"save {100 * shares[0]:.0f} to {100 * shares[-1]:.0f} %, {saved(of('share per patch'))} in geometric mean",
+            f"one for the image {saved(of('one share'))}.",
+            f"**Numbers of samples** save {saved(of('counts'))};",
+            "from {} to {} on the teapot and from {} to {} on killeroo-diffuse".format(*edges),
+            "best shares save {} instead of {}, and {} instead of {}.".format(*best),
+            f"Rules that tilt are {over[0]} to {over[-1]} % above their bound in the mean.",
+            f"Of {pairs} pairs {differ} ({differ / pairs:.0%}) change places.".replace("%)", " %)"),
+        ]
+    }
+
+
 def draw_bounds() -> None:
     """Draw a panel per scene: bounds at both sizes, and what rules reach at full size."""
     from weights_figures import write
