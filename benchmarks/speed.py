@@ -3,15 +3,14 @@ Speed, and what was to be reached
 =================================
 
 How fast the renderer is on the scenes that come with dmis, beside the floor, the time in Embree; where the
-time goes; two threads; memory; start-up. Prints each target and whether it is met, writes the tables of
-docs/performance.md and everything measured to benchmarks/speed.json. Takes a few minutes and wants an idle machine.
+time goes; two threads; memory; start-up. Prints each target and whether it is met. Rows go to docs/tables/speed.csv,
+speed-targets.csv and speed-parts.csv, which docs/performance.md is made of. Takes ten minutes on an idle machine.
 
 Exits with 1 if a ratio misses its target by more than a fifth. Absolute times depend on the machine: they are reported.
 """
 
 import argparse
 import cProfile
-import json
 import pstats
 import statistics
 import subprocess
@@ -19,7 +18,6 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from datetime import date
 from pathlib import Path, PurePath
 
 import dmis
@@ -29,8 +27,10 @@ from dmis.pipeline.render import render_job
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
-from common import SCENES, machine, replace_table, show
+from common import SCENES, show
+from rows import read_rows, write_rows
 
+SPEEDS, TARGETS, PARTS = (ROOT / "docs" / "tables" / f"speed{part}.csv" for part in ("", "-targets", "-parts"))
 SLACK = 1.2
 """A ratio may miss its target by this factor before it counts as a failure."""
 TIME_PARTS = {
@@ -173,13 +173,83 @@ def starting(repeats: int) -> Iterator[Target]:
         yield Target(name, value, limit, " s", ratio=False)
 
 
+def write(speeds: list[Speed], targets: list[Target], parts: dict[tuple[str, str], dict[str, float]]) -> None:
+    """Write the rows."""
+    renders = [
+        {"scene": s.scene, "rule": s.rule, "samples": s.samples, "rays": sum(s.rays.values())}
+        | {"seconds": f"{seconds:.5g}", "in Embree": f"{floor:.5g}"}
+        for s in speeds
+        for seconds, floor in zip(s.seconds, s.floor, strict=True)
+    ]
+    write_rows(SPEEDS, renders, list(renders[0]))
+    write_rows(
+        TARGETS, [asdict(target) | {"value": f"{target.value:.5g}"} for target in targets], list(asdict(targets[0]))
+    )
+    shares = [
+        {"scene": scene, "rule": rule, "part": part, "share": f"{share:.4f}"}
+        for (scene, rule), of_render in parts.items()
+        for part, share in of_render.items()
+    ]
+    write_rows(PARTS, shares, list(shares[0]))
+
+
+def read_speeds() -> list[Speed]:
+    """Return the renders of each scene and rule."""
+    speeds: dict[tuple[str, str], Speed] = {}
+    for row in read_rows(SPEEDS):
+        key = row["scene"], row["rule"]
+        speed = speeds.setdefault(key, Speed(*key, 1, int(row["samples"]), {"all": int(row["rays"])}, [], []))
+        speed.seconds.append(float(row["seconds"]))
+        speed.floor.append(float(row["in Embree"]))
+    return list(speeds.values())
+
+
+def read_targets() -> list[Target]:
+    """Return the targets with what was measured."""
+    return [
+        Target(
+            row["name"],
+            float(row["value"]),
+            float(row["limit"]),
+            row["unit"],
+            row["least"] == "True",
+            row["ratio"] == "True",
+        )
+        for row in read_rows(TARGETS)
+    ]
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the blocks."""
+    return {
+        "performance.md: targets": target_table(read_targets()),
+        "performance.md: speed": [*HEADER.split("\n"), *(speed.row() for speed in read_speeds())],
+    }
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return fragments of prose with numbers, by page."""
+    shares: dict[str, list[float]] = {}
+    for row in read_rows(PARTS):
+        shares.setdefault(row["part"], []).append(float(row["share"]))
+    return {
+        "performance.md": [
+            f"{words} {100 * min(shares[part]):.0f} to {100 * max(shares[part]):.0f} %"
+            for part, words in (
+                ("embree", "Embree takes"),
+                ("shading", "shading"),
+                ("random numbers", "random numbers"),
+            )
+        ]
+    }
+
+
 def main() -> int:
+    """Measure, print, and write rows."""
     parser = argparse.ArgumentParser(description="speed beside the Embree floor, and the targets")
     parser.add_argument("--rules", default="balance,thesis:weigh=samples,auto", help="separated by commas")
     parser.add_argument("--spp", type=int, default=32)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "performance.md")
-    parser.add_argument("--json", type=Path, default=ROOT / "benchmarks" / "speed.json")
     given = parser.parse_args()
     names = list(SCENES)
     speeds = bench(
@@ -200,23 +270,7 @@ def main() -> int:
         for target in group:
             print(target.row(), flush=True)
             targets.append(target)
-    about = f"Made on {date.today()}: {machine()}."
-    where = [
-        "| scene | rule | " + " | ".join(("embree", *TIME_PARTS, "shading", "pilot", "fit")) + " |",
-        "|---" * (len(TIME_PARTS) + 6) + "|",
-        *(
-            f"| {s.scene} | {s.rule} | "
-            + " | ".join(f"{share:.0%}" for share in parts[s.scene, s.rule].values())
-            + " |"
-            for s in speeds
-        ),
-    ]
-    print(*where, sep="\n")
-    replace_table(given.page, "targets", about, "", *target_table(targets))
-    replace_table(given.page, "speed", about, "", HEADER, *(speed.row() for speed in speeds))
-    data = {"machine": machine(), "date": str(date.today()), "spp": given.spp}
-    data |= {"speeds": [asdict(speed) for speed in speeds], "targets": [asdict(target) for target in targets]}
-    given.json.write_text(json.dumps(data, indent=1) + "\n", "utf-8")
+    write(speeds, targets, parts)
     failed = [target for target in targets if target.ratio and target.miss > SLACK]
     for target in failed:
         print(f"missed by more than {SLACK - 1:.0%}: {target.name}", file=sys.stderr)
