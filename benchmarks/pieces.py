@@ -82,6 +82,14 @@ PIECES: tuple[Piece, ...] = (
         ("tables/points.csv",),
         (*BY_BALANCE, *renders_of(FOUR, "auto"), *HELD_OUT),
     ),
+    Piece(
+        "paths",
+        "benchmarks/make_path_table.py",
+        "show_paths",
+        ("paths.md: steps by paths",),
+        ("tables/paths.csv",),
+        (*renders_of(FOUR, "balance", "auto"), *renders_of(("cornell", "ten-lights"), "balance", "auto")),
+    ),
     # Tables.
     Piece(
         "mis-bench",
