@@ -11,7 +11,7 @@ FIGURES ?= thesis/ why_the_parabola_fails nets
 SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo figures report publish tables test test-slow bench bench-kernels check format docs clean
+.PHONY: help setup demo figures publish tables test test-slow bench bench-kernels check format docs clean
 
 help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' Makefile
@@ -30,9 +30,6 @@ demo: $(READY)  ## render the teapot with the balance heuristic and with the the
 
 figures: $(READY)  ## draw the figures of the thesis for figures/index.html and docs/figures (15 minutes); FIGURES=/: all, hours
 	$(BIN)/python examples/make_figures.py --publish docs --only $(FIGURES)
-
-report: $(READY)  ## measure error against time on the four scenes, write figures/report.html (10 minutes)
-	$(BIN)/python examples/make_report.py --docs
 
 publish: $(READY)  ## make tables and pictures of the pages that are older than what decides them (hours; continues)
 	$(BIN)/python benchmarks/publish.py

@@ -130,14 +130,6 @@ PIECES: tuple[Piece, ...] = (
         BY_THESIS,
     ),
     Piece(
-        "report",
-        "examples/make_report.py --docs",
-        "make_report",
-        ("report.md: four scenes",),
-        ("tables/report.csv", "tables/report-limits.csv", "images/error-vs-time.png"),
-        (*BY_ALL, "tt second-moment", "killeroo-gold pbrt"),
-    ),
-    Piece(
         "mitsuba-agreement",
         "benchmarks/agreement.py",
         "show_agreement",
@@ -197,9 +189,7 @@ PIECES: tuple[Piece, ...] = (
     figure("explained/plot_shares_and_points", "tt balance"),
     figure("explained/plot_why_the_parabola_fails", *BY_THESIS),
     # Figures of measurements.
-    figure("measured/plot_error_vs_time", *BY_ALL),
     figure("measured/plot_oracle_and_regret", *BY_ALL),
     figure("measured/plot_patch_size", *BY_ALL),
-    figure("measured/plot_rules_compared", *BY_ALL),
     figure("measured/plot_scale"),
 )

@@ -297,27 +297,24 @@ def draw_bounds() -> None:
     """Draw a panel per scene: bounds at both sizes, and what rules reach at full size."""
     from weights_figures import write
 
-    from dmis import plot
+    from dmis.examples.gallery import print_canvas
 
-    large = scores(True)
-    figure, axes = plot.canvas(2, 4, 15, 8, sharey=True, sharex=True)
-    shown = KINDS[1:-1]
-    for axis, (name, (width, height)) in zip(axes.flat, sizes().items(), strict=False):
-        for size, colour, shift in (("quarter", "C1", -0.12), ("full", "C0", 0.12)):
+    large, shown = scores(True), KINDS[1:-1]
+    figure, axes = print_canvas(2, 4, 5, sharey=True, sharex=True)
+    for axis, name in zip(axes.flat, sizes(), strict=False):
+        for size, colour, shift in (("quarter", "C1", -0.15), ("full", "C0", 0.15)):
             value, half = bounds(name, size, "absolute")[:, 1:-1]
             rows = np.arange(len(shown)) + shift
-            axis.errorbar(value, rows, xerr=half, fmt="o", color=colour, label=f"best weights, {size} size")
+            axis.errorbar(value, rows, xerr=half, fmt=".", color=colour, label=f"best weights, {size} size")
         for row, (rule, mark) in enumerate(SHOWN.items(), len(shown)):
             if name in large[rule].values:
                 mean, half = interval(large[rule].values[name][:, 0], True)
-                axis.errorbar(min(mean, 1.45), row, xerr=half, fmt=mark, color="black")
+                axis.errorbar(min(mean, 1.45), row, xerr=half, fmt=mark, markersize=3, color="black")
         axis.axvline(1, color="grey", linewidth=0.8)
         axis.set_yticks(range(len(shown) + len(SHOWN)), [*shown, *SHOWN])
-        axis.set_title(f"{name}, {width}x{height}", fontsize=10)
+        axis.set_title(name)
         axis.set_xlim(0, 1.5)
-        axis.invert_yaxis() if axis is axes.flat[0] else None
-    for axis in axes[1]:
-        axis.set_xlabel("error x cost over balance (absolute)")
-    handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    axes[0, 0].invert_yaxis()
+    figure.supxlabel("MSE × cost, over balance", fontsize="medium")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     write(figure, "what-weights-save")

@@ -15,6 +15,7 @@ from dmis import plot
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import Settings
+from dmis.examples.gallery import print_canvas
 from dmis.experiment.bench.rendered import load
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Round, pilot_settings
@@ -32,7 +33,7 @@ SIDE, SPP = 4, 256
 
 def draw_edges() -> None:
     """Draw which part of the variance no weight changes, of the same views at an eighth of the side and in full."""
-    figure, axes = plot.canvas(2, 3, 13, 8)
+    figure, axes = print_canvas(2, 3, 4.2)
     for line, (name, corner) in zip(axes, VIEWS.items(), strict=True):
         scene, settings = load(f"full-{name}")
         views = [cropped(resized(scene, 8), np.array(corner), VIEW), cropped(scene, 8 * np.array(corner), 8 * VIEW)]
@@ -40,9 +41,9 @@ def draw_edges() -> None:
         for axis, view, divisor in zip(line[1:], views, (8, 1), strict=True):
             width, height = (n // divisor for n in scene.camera.resolution)
             part = edge_map(view, settings)
-            shown = plot.heat(axis, part, f"image of {width}x{height} pixels", cmap="magma", vmin=0, vmax=1)
+            shown = plot.heat(axis, part, f"of {width}×{height} pixels", cmap="magma", vmin=0, vmax=1)
             axis.set_facecolor("0.6")
-    figure.colorbar(shown, ax=axes, label="part of the variance at w = 1/2 that no weight changes")
+    figure.colorbar(shown, ax=axes, label="part of V(½) that no weight changes")
     write(figure, "edges-and-resolution")
 
 
@@ -75,6 +76,6 @@ def write(figure: Any, stem: str) -> None:
     from PIL import Image
 
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=100)
+    figure.savefig(data, format="png", dpi=200)
     with Image.open(data) as image:
         image.convert("RGB").save(IMAGES / f"{stem}.webp", quality=85, method=6)

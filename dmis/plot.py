@@ -49,7 +49,7 @@ def canvas(rows: int, columns: int, width: float, height: float, **options: Any)
 
 
 def picture(axis: Axes, image: Array, title: str = "", window: Window | None = None, exposure: float = 1.0) -> None:
-    """Draw a linear RGB image ``(H, W, 3)``, or the `window` of it, with coordinates in pixels."""
+    """Draw a linear RGB image ``(H, W, 3)``, or the `window` of it; coordinates are pixels, without ticks."""
     rows, columns = window or ((0, image.shape[0]), (0, image.shape[1]))
     pixels = tonemap(image[slice(*rows), slice(*columns)], exposure)
     axis.imshow(pixels, extent=_extent(rows, columns), interpolation="nearest")
@@ -145,10 +145,6 @@ def _extent(rows: tuple[int, int], columns: tuple[int, int]) -> tuple[float, flo
 
 
 def _pixels(axis: Axes, title: str) -> None:
-    """Label both axes in pixels, and write the title."""
-    for side in (axis.xaxis, axis.yaxis):
-        side.set_major_locator(MaxNLocator(4, integer=True))
-    axis.tick_params(labelsize="x-small")
-    axis.set_xlabel("x (pixels)", fontsize="small")
-    axis.set_ylabel("y (pixels)", fontsize="small")
+    """Leave out ticks, and write the title."""
+    axis.set(xticks=[], yticks=[])
     axis.set_title(title, fontsize="medium")

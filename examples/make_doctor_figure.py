@@ -9,7 +9,7 @@ image that the balance heuristic makes of the same samples with the fault.
 import sys
 
 import numpy as np
-from common import ROOT, options, write_webp
+from common import ROOT, options, print_canvas, write_webp
 
 from dmis import plot
 
@@ -48,14 +48,14 @@ def blocks(pixels: np.ndarray) -> np.ndarray:
 opts, given = options(__file__, __doc__, docs={"action": "store_true", "help": "also write the picture of docs/images"})
 spp, side = opts.pick(2, 64), opts.pick(24, 160)
 tables = {name: dmis_table.table(doctor_faults.small(name, side), spp) for name in set(PLATES.values())}
-figure, axes = plot.canvas(5, 6, 15, 11)
+figure, axes = print_canvas(5, 6, 5.4)
 for axis in axes.flat:
     axis.set_axis_off()
 for trio, (fault, name) in zip(axes.reshape(-1, 3), PLATES.items()):
     right, wrong = image(tables[name]), image(doctor_faults.plant(fault, tables[name]))
     exposure = 0.7 / np.quantile(right.mean(axis=2), 0.97)
     plot.picture(trio[0], right, name, exposure=exposure)
-    plot.picture(trio[1], wrong, f"{fault}: mean {wrong.sum() / right.sum() - 1:+.1%}", exposure=exposure)
+    plot.picture(trio[1], wrong, f"{fault}: {wrong.sum() / right.sum() - 1:+.1%}", exposure=exposure)
     before, after = blocks(right), blocks(wrong)
     change = np.where(before > 0, after / np.where(before > 0, before, 1) - 1, 0)
     plot.heat(trio[2], change, "change", cmap="RdBu_r", vmin=-0.3, vmax=0.3)

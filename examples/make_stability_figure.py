@@ -10,10 +10,8 @@ stiffness.
 """
 
 import numpy as np
-from common import ROOT, options, write_webp
+from common import ROOT, options, print_canvas, write_webp
 from stiff import KD, LIFT, ROUGHNESS, SIZES, ULP, both, chosen, rounding_errors
-
-from dmis import plot
 
 opts, given = options(__file__, __doc__, docs={"action": "store_true", "help": "also write the picture of docs/images"})
 every = opts.pick(36, 1)
@@ -24,7 +22,7 @@ errors = rounding_errors(single, double)
 # %%
 # Left: radius of the light against roughness. The map is whole only if no case was left
 # out.
-figure, axes = plot.canvas(1, 2, 14, 5)
+figure, axes = print_canvas(1, 2, 3.6)
 left, right = axes[0]
 grid = np.full((len(ROUGHNESS), len(SIZES)), np.nan)
 for case, error in zip(cases, errors):
@@ -59,9 +57,9 @@ right.axhline(1e-3, color="0.5", linestyle="--", label="three digits")
 right.set_yscale("log")
 right.set_ylim(ULP / 3, 3)
 right.set_xlim(-0.3, 8.3)  # that of radiance goes on to 30, as flat as before
-right.set_xlabel("stiffness (powers of ten between the two scales)")
-right.set_ylabel("relative error of the mean by rounding")
-right.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
+right.set_xlabel("stiffness (powers of ten)")
+right.set_ylabel("relative error by rounding")
+figure.legend(loc="outside lower center", ncols=3)
 opts.save(
     figure,
     "What float32 can and cannot do",

@@ -86,10 +86,11 @@ def test_figure(script, run, cache, tmp_path):
     printed = run_process(script, cache, "-o", picture) if alone else run(script, "-o", picture)
     assert printed.rstrip().endswith(str(picture))
     check(picture)
-    if script.parent.name == "thesis":  # for print: 7 inches wide at 200 dpi or more, and a PDF
-        with Image.open(picture) as image:
-            dpi = image.info["dpi"][0]
-            assert dpi > 199.9 and image.size[0] / dpi < 7.01
+    with Image.open(picture) as image:
+        dpi, about = image.info["dpi"][0], image.info
+        assert dpi > 199.9 and image.size[0] / dpi < 7.01
+    assert float(about["Letters"]) >= 7 and int(about["Legends"]) <= 1
+    if script.parent.name == "thesis":  # for print
         assert picture.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -302,19 +303,6 @@ def test_cluster_tables(cache, tmp_path, monkeypatch):
     monkeypatch.setattr(shown, "CSV", rows)
     lines = [*shown.tables()["cluster.md: cluster"], *shown.sentences()["cluster.md"]]
     assert "| 2 worker processes |" in lines[-4] and "nan" not in " ".join(lines) and len(lines) == 8
-
-
-def test_report(run, tmp_path):
-    """Two scenes in one page, each with a folder that the next run goes on from."""
-    script, names = ROOT / "examples" / "make_report.py", ("teapot-area-light", "tt")
-    printed = run(script, "-o", tmp_path / "any.png", "--seeds", "1", "--scenes", *names)
-    assert printed.rstrip().endswith(str(tmp_path / "report.html")) and printed.count("| 32 | auto |") == 2
-    page = (tmp_path / "report.html").read_text("utf-8")
-    assert page.count("<section ") == page.count('class="viewer"') == 2 and "regret" in page
-    tables = {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in names}
-    run(script, "-o", tmp_path / "any.png", "--seeds", "1", "--scenes", "tt")
-    assert (tmp_path / "report.html").read_text("utf-8").count("<section ") == 1
-    assert tables == {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in names}
 
 
 def test_stability_figure(run, tmp_path):

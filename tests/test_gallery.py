@@ -7,8 +7,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from dmis.examples.gallery import on_cpu, options
-from dmis.experiment.runs import Run
+from dmis.examples.gallery import options
 
 
 @pytest.fixture(autouse=True)
@@ -41,9 +40,3 @@ def test_kernel_has_no_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["/lib/ipykernel_launcher.py", "-f", "/run/kernel-1.json"])
     opts, given = options("plot_any", None, seeds={"type": int, "default": 3})
     assert (opts.size, given.seeds) == ("default", 3)
-
-
-def test_time_of_the_processor():
-    """`on_cpu` replaces a doubled wall time by CPU seconds and keeps the shares of the stages."""
-    (one,) = on_cpu([Run("thesis", 128, 0, 0, 1.2, 0.0, 12.0, 1.0, 0.1, 1.0, cpu_seconds=6.6)])
-    assert one.seconds == pytest.approx(6.6) and one.overhead == pytest.approx(0.6)

@@ -11,9 +11,8 @@ calls the renderer's code; only the integrand is new.
 
 import numpy as np
 
-from dmis import plot
 from dmis.estimator.records import Record
-from dmis.examples.gallery import options
+from dmis.examples.gallery import options, print_canvas
 from dmis.fit.objectives import OBJECTIVE_NAMES, Gather, objective
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, Curves
@@ -146,7 +145,7 @@ for name, share in answers.items():
 # %%
 # Left: integrand and densities. Middle: variance against the share. Right: variance at
 # the share of each rule.
-figure, axes = plot.canvas(1, 3, 17, 5)
+figure, axes = print_canvas(1, 3, 3.1)
 left, middle, right = axes[0]
 inside = (x > -0.1) & (x < 1.2)
 left.plot(x[inside], f(x)[inside], color="black", label="f")
@@ -160,11 +159,9 @@ middle.plot(
     estimate,
     "o",
     color="tab:green",
-    label=f"one pilot of {len(records) * SPP * PIXELS} samples at w = ½",
+    label="V(w), one pilot at w = ½",
 )
-middle.plot(
-    shares, points, "s", color="tab:red", label="three variances of 2 samples per pixel"
-)
+middle.plot(shares, points, "s", color="tab:red", label="three variances")
 middle.plot(
     w,
     np.polyval(np.polyfit(shares, points, 2), w),
@@ -172,11 +169,11 @@ middle.plot(
     color="tab:red",
     label="their parabola",
 )
-middle.axvline(best, color="black", linestyle=":", label=f"best w = {best:.2f}")
+middle.axvline(best, color="black", linestyle=":", label="best w")
 middle.set_yscale("log")
 middle.set_ylim(0.3 * truth.min(), 30 * variance(0.5))
 middle.set_xlabel("share of light samples w")
-middle.set_ylabel("variance of a sample (units of f², squared)")
+middle.set_ylabel("variance of a sample")
 names = list(answers)
 right.barh(
     names[::-1],
@@ -185,11 +182,10 @@ right.barh(
     label="rule",
 )
 right.axvline(1, color="0.35", linestyle="--", label="w = ½")
-right.axvline(truth.min() / variance(0.5), color="black", linestyle=":", label="best w")
+right.axvline(truth.min() / variance(0.5), color="black", linestyle=":")
 right.set_xscale("log")
 right.set_xlabel("variance / that of w = ½")
-for axis in (left, middle, right):
-    axis.legend(fontsize=8)
+figure.legend(loc="outside lower center", ncols=5)
 opts.save(
     figure,
     "One dimension: a mixture of two densities",

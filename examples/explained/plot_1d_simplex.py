@@ -11,10 +11,9 @@ the renderer's rule ``simplex``; only the integrand is new.
 
 import numpy as np
 
-from dmis import plot
 from dmis.estimator.mis import balance
 from dmis.estimator.records import Record
-from dmis.examples.gallery import options
+from dmis.examples.gallery import options, print_canvas
 from dmis.variance.simplex_curves import SimplexCurves, grid
 
 opts, _ = options("plot_1d_simplex", __doc__)
@@ -118,7 +117,7 @@ def corner(shares):
     return shares[1] + shares[2] / 2, shares[2] * np.sqrt(3) / 2
 
 
-figure, axes = plot.canvas(1, 3, 17, 5)
+figure, axes = print_canvas(1, 3, 2.9, width_ratios=[1, 1.9, 1])
 left, middle, right = axes[0]
 inside = (x > -0.3) & (x < 1.2)
 left.plot(x[inside], f(x)[inside], color="black", label="f")
@@ -138,24 +137,24 @@ level = np.log10(np.maximum(variance(fine), 1e-4))
 shown = middle.tricontourf(
     *corner(fine), level, levels=np.linspace(-4, 1, 21), cmap="viridis", extend="max"
 )
-figure.colorbar(shown, ax=middle, label="log10 of the variance of a sample")
+figure.colorbar(shown, ax=middle, label="log10 of the variance")
 middle.plot(
     *corner(shares),
     "o",
     color="white",
     markeredgecolor="black",
-    markersize=5,
+    markersize=3,
     label="points of the grid",
 )
 middle.plot(
-    *corner(PLANTED), "*", color="black", markersize=16, label="planted: ½, ⅓, ⅙"
+    *corner(PLANTED), "*", color="black", markersize=10, label="planted: ½, ⅓, ⅙"
 )
 middle.plot(
     *corner(shares[:, learned]),
     "o",
     color="tab:red",
     fillstyle="none",
-    markersize=14,
+    markersize=9,
     label="learned",
 )
 for k, (dx_, dy) in enumerate(((-0.02, -0.05), (0.02, -0.05), (0, 0.04))):
@@ -183,10 +182,13 @@ right.plot(
 )
 right.set_xscale("log")
 right.set_yscale("log")
-right.set_xlabel("variance of a sample, by quadrature")
-right.set_ylabel(f"from one pilot of {len(records) * SPP * PIXELS} samples")
+right.set_xlabel("variance, by quadrature")
+right.set_ylabel("variance, from one pilot")
+labelled = {}
 for axis in (left, middle, right):
-    axis.legend(fontsize=8, loc="upper right" if axis is not right else "lower right")
+    handles, labels = axis.get_legend_handles_labels()
+    labelled = dict(zip(labels, handles, strict=True)) | labelled
+figure.legend(labelled.values(), labelled, loc="outside lower center", ncols=5)
 opts.save(
     figure,
     "One dimension: a mixture of three densities",

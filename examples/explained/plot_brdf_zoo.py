@@ -3,36 +3,32 @@ A zoo of reflection models, and the weight that each needs
 ==========================================================
 
 Eight reflection models, from Phong to GGX, seen from 45 degrees at about the same
-roughness. For each model the figure shows the lobe, the directions that its importance
-sampling draws, and the variance of a mixture of light and BRDF samples against the
-share w of light samples. A small, a medium and a large light stand in the mirror
-direction. Which model needs which share?
+roughness. For each model the figure shows the lobe, and the variance of a mixture of
+light and BRDF samples against the share w of light samples. A small, a medium and a
+large light stand in the mirror direction. Which model needs which share?
 """
 
 import numpy as np
 from scipy.stats import qmc
 
 import dmis
-from dmis import plot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric
 from dmis.estimator.technique import BRDF, LIGHT
-from dmis.examples.gallery import options
+from dmis.examples.gallery import options, print_canvas
 from dmis.scene.shading_points import ShadingPoints
 
 opts, _ = options("plot_brdf_zoo", __doc__)
 GLASS = Dielectric(1.5)
 MODELS = {
     "Phong, n = 12": dmis.phong(ks=0.5, exponent=12),
-    "Lafortune off-specular, n = 12": dmis.lafortune(ks=0.5, exponent=12, c_n=0.7),
+    "Lafortune, n = 12": dmis.lafortune(ks=0.5, exponent=12, c_n=0.7),
     "Blinn-Phong, n = 50": dmis.blinn_phong(ks=0.5, exponent=50),
-    "Ward, alpha = 0.1, 0.4": dmis.ward(ks=0.5, alpha=0.1, alpha_v=0.4),
-    "Ashikhmin-Shirley, n = 200, 12": dmis.ashikhmin_shirley(
-        kd=0.5, ks=0.05, n_u=200, n_v=12
-    ),
-    "Torrance-Sparrow, n = 50": dmis.torrance_sparrow(exponent=50, fresnel=GLASS),
-    "Cook-Torrance, alpha = 0.2": dmis.cook_torrance(alpha=0.2, fresnel=GLASS),
-    "GGX, alpha = 0.2": dmis.ggx(alpha=0.2, fresnel=GLASS),
+    "Ward, α = 0.1, 0.4": dmis.ward(ks=0.5, alpha=0.1, alpha_v=0.4),
+    "Ashikhmin–Shirley": dmis.ashikhmin_shirley(kd=0.5, ks=0.05, n_u=200, n_v=12),
+    "Torrance–Sparrow": dmis.torrance_sparrow(exponent=50, fresnel=GLASS),
+    "Cook–Torrance, α = 0.2": dmis.cook_torrance(alpha=0.2, fresnel=GLASS),
+    "GGX, α = 0.2": dmis.ggx(alpha=0.2, fresnel=GLASS),
 }
 LIGHTS = {
     "small": (2.0, "tab:blue"),
@@ -132,8 +128,7 @@ def brute(material, light, w):
 
 
 # %%
-# For each model, draw a map of the hemisphere seen from above, a histogram of samples,
-# and the curves.
+# For each model, draw a map of the hemisphere seen from above, and the curves.
 def lobe_map(axis, material):
     """Draw BRDF times cosine over the unit disk."""
     x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 241, dtype=np.float32)])
@@ -154,65 +149,17 @@ def lobe_map(axis, material):
         norm="log",
         vmin=1e-3,
     )
-    axis.plot(*-WO[:2], "c+", label="mirror direction")
-    axis.set_xticks([-1, 0, 1])
-    axis.set_yticks([-1, 0, 1])
-    axis.set_xlabel("x, u")
-    axis.set_ylabel("y, v")
+    axis.plot(*-WO[:2], "c+")
+    axis.set_axis_off()
     return image
 
 
-def histogram(axis, material):
-    """Draw a histogram of the polar angles of sampled directions, and the density that
-    it should follow.
-    """
-    count = opts.pick(2**13, 2**17)
-    wi = surface(material, count).sample(
-        np.random.default_rng(1).random((2, count), dtype=np.float32)
-    )
-    theta = np.degrees(np.arccos(np.clip(wi[2], -1, 1)))
-    accepted = (wi[2] > 0).mean()
-    edges = np.linspace(0, 90, 46)
-    heights = np.histogram(theta, edges)[0] / (count * np.diff(edges))
-    axis.stairs(
-        heights,
-        edges,
-        fill=True,
-        color="0.8",
-        label=f"samples, {accepted:.1%} above the horizon",
-    )
-    at, phi = np.meshgrid(
-        np.radians(np.linspace(0.25, 89.75, 180)),
-        np.radians(np.arange(0.5, 360)),
-        indexing="ij",
-    )
-    w = (
-        np.stack([np.sin(at) * np.cos(phi), np.sin(at) * np.sin(phi), np.cos(at)])
-        .reshape(3, -1)
-        .astype(np.float32)
-    )
-    points = surface(material, w.shape[1])
-    density = (
-        points.pdf(Directions(points, w)).astype(float).reshape(at.shape) * np.sin(at)
-    ).sum(axis=1) * np.radians(1)
-    axis.plot(
-        np.degrees(at[:, 0]),
-        density * np.radians(1),
-        color="black",
-        label="pdf over a ring",
-    )
-    axis.set_xlabel("polar angle of wi (degrees)")
-    axis.set_ylabel("density (1 / degree)")
-    axis.set_ylim(0, 1.45 * heights.max())
-
-
-figure, axes = plot.canvas(4, 6, 24, 17)
+figure, axes = print_canvas(4, 4, 6.8, height_ratios=[1, 1.1] * 2)
 told, deviations = [], []
 for k, (name, material) in enumerate(MODELS.items()):
-    left, middle, right = axes[k % 4, 3 * (k // 4) : 3 * (k // 4) + 3]
+    left, right = axes[2 * (k // 4) : 2 * (k // 4) + 2, k % 4]
     image = lobe_map(left, material)
-    left.set_title(name, weight="bold")
-    histogram(middle, material)
+    left.set_title(name)
     best = []
     for size, (degrees, colour) in LIGHTS.items():
         radius = float(np.sin(np.radians(degrees)))
@@ -226,9 +173,9 @@ for k, (name, material) in enumerate(MODELS.items()):
             W,
             v / half,
             color=colour,
-            label=f"{size}, ±{degrees:g}°: best w = {W[at]:.2f}",
+            label=f"{size} light, ±{degrees:g}°",
         )
-        right.plot(CHECKED, checked / half, ".", color=colour)
+        right.plot(CHECKED, checked / half, ".", color=colour, markersize=3)
         right.plot(
             W[at], v[at] / half, "v", color=colour, markeredgecolor="black", zorder=3
         )
@@ -241,17 +188,17 @@ for k, (name, material) in enumerate(MODELS.items()):
     right.set_yscale("log")
     right.axhline(1, color="0.7", linewidth=0.8, zorder=0)
     right.set_ylim(2e-3, 2e2)
-    right.set_xlabel("share of light samples w")
-    right.set_ylabel("V(w) / V(½)")
     told.append(f"{name}: {', '.join(best)}")
-    for axis, where in (
-        (left, "lower right"),
-        (middle, "upper right"),
-        (right, "upper center"),
-    ):
-        axis.legend(fontsize=7, loc=where)
-figure.colorbar(
-    image, ax=axes[:, 0], label="f cos / its largest value", shrink=0.4, location="left"
+    right.set_xticks([0, 0.5, 1], ["0", "½", "1"])
+    if k % 4:
+        right.set_yticklabels([])
+for axis in axes[3]:
+    axis.set_xlabel("share of light samples w")
+for axis in axes[1::2, 0]:
+    axis.set_ylabel("V(w) / V(½)")
+figure.colorbar(image, ax=axes[0::2], label="f cos / its largest value", shrink=0.8)
+figure.legend(
+    *axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3
 )
 deviations = np.abs(deviations)
 within = (deviations < 2).mean()
@@ -263,10 +210,9 @@ opts.save(
     figure,
     "A zoo of reflection models, and the weight that each needs",
     f"""Each model at a point seen from 45 degrees, from the left. Maps: BRDF times
-    cosine over the hemisphere, from above. Histograms: polar angles of
-    {opts.pick(2**13, 2**17):,} sampled directions; the line is the pdf, integrated over
-    rings of the hemisphere. Right: variance of a sample of the balance heuristic in
-    fixed shares, over that of w = 1/2, under a sphere light in the mirror direction,
-    whose half angle is given; lines by quadrature, dots by brute force, triangles where
-    it is least. Best w under the small, medium and large light: {"; ".join(told)}.""",
+    cosine over the hemisphere, from above; a cross marks the mirror direction. Below:
+    variance of a sample of the balance heuristic in fixed shares, over that of w = 1/2,
+    under a sphere light in the mirror direction, whose half angle is given; lines by
+    quadrature, dots by brute force, triangles where it is least. Best w under the
+    small, medium and large light: {"; ".join(told)}.""",
 )

@@ -9,7 +9,7 @@ learns. No constant of dmis was chosen on these two scenes.
 
 import dmis
 from dmis import plot
-from dmis.examples.gallery import options
+from dmis.examples.gallery import options, print_canvas
 
 opts, _ = options("plot_held_out_scenes", __doc__)
 SPP, SHRINK = opts.pick(4, 64), opts.pick(32, 2, 1)
@@ -24,7 +24,7 @@ RULES = (*TITLES, "auto")
 # %%
 # The variance of one camera sample is the variance of the image times the number of
 # camera samples.
-figure, axes = plot.canvas(len(SIZES), 4, 19, 7)
+figure, axes = print_canvas(len(SIZES), 4, 2.7)
 rows = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
 for line, (name, (width, height)) in zip(axes, SIZES.items(), strict=True):
     scene = dmis.load_scene(name, resolution=(width // SHRINK, height // SHRINK))
@@ -40,9 +40,11 @@ for line, (name, (width, height)) in zip(axes, SIZES.items(), strict=True):
     rows.append(f"| {name} {width // SHRINK}×{height // SHRINK} | {means} |")
 
     for axis, (rule, title) in zip(line, TITLES.items(), strict=False):
-        plot.picture(axis, results[rule].image, f"{name}: {title}")
-    share = plot.weights(line[-1], results["auto"].weight, "learned by auto")
-    plot.weight_bar(figure, share, line[-1])
+        plot.picture(axis, results[rule].image, title if line is axes[0] else "")
+    share = plot.weights(line[-1], results["auto"].weight)
+    line[0].set_ylabel(name)
+axes[0, -1].set_title("auto: shares", fontsize="medium")
+plot.weight_bar(figure, share, axes[:, -1], shrink=0.8)
 
 print(*rows, f"{SPP} samples per pixel, seed 1.", sep="\n")
 opts.save(

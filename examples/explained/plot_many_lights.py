@@ -12,7 +12,7 @@ import time
 
 import dmis
 from dmis import plot
-from dmis.examples.gallery import options
+from dmis.examples.gallery import options, print_canvas
 from dmis.formats.load_scene import SCENE_FOLDER
 
 opts, _ = options("plot_many_lights", __doc__)
@@ -26,7 +26,7 @@ scenes = (
     make["many_lights"](resolution=SIZE),
     make["glowing_knot"](*opts.pick((100, 10), (1000, 50)), resolution=SIZE),
 )
-figure, axes = plot.canvas(2, 2, 14, 9)
+figure, axes = print_canvas(2, 2, 4.7)
 rows = ["| scene | selection | relMSE | CPU seconds of both |", "|---|---|---|---|"]
 for line, scene in zip(axes, scenes, strict=True):
     for axis, lights in zip(line, ("power", "tree"), strict=True):

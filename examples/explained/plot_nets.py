@@ -10,8 +10,7 @@ pair; and how fast the error falls for smooth integrands and for edges. The page
 
 import numpy as np
 
-from dmis import plot
-from dmis.examples.gallery import options
+from dmis.examples.gallery import options, print_canvas
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import Sobol
 
@@ -33,19 +32,17 @@ random = np.random.default_rng(1).random((4, N, PIXELS))
 # box holds one of the 16 points. Top right: the light's first number against the
 # camera's. In the same order the two numbers form a pattern with gaps, however many
 # samples are drawn. In an order of its own the light's number fills the square.
-figure, axes = plot.canvas(2, 3, 14, 9)
+figure, axes = print_canvas(2, 3, 5)
 for axis, columns, rows in zip(axes[0, :2], (4, 16), (4, 1), strict=True):
     axis.vlines(
         np.arange(columns + 1) / columns,
         0,
         1,
         color="0.8",
-        label=f"{columns} × {rows} boxes",
     )
     axis.hlines(np.arange(rows + 1) / rows, 0, 1, color="0.8")
-    axis.plot(
-        *camera[:, :16, 0], "o", color="tab:blue", label="samples 0 to 15 in the pixel"
-    )
+    axis.plot(*camera[:, :16, 0], "o", color="tab:blue")
+    axis.set_title(f"16 samples in {columns} × {rows} boxes")
     axis.set_xlabel("$u_0$")
     axis.set_ylabel("$u_1$")
 # two lights share an order, because their light is added up; here they stand for a
@@ -55,17 +52,18 @@ axes[0, 2].plot(
     light[0, :256, 0],
     "x",
     color="tab:red",
-    label="both pairs in one order",
+    markersize=3,
 )
 axes[0, 2].plot(
     camera[0, :256, 0],
     light[0, :256, 0],
     ".",
     color="tab:blue",
-    label="each in its own",
+    markersize=3,
 )
-axes[0, 2].set_xlabel("$u_0$ of one pair, 256 samples")
-axes[0, 2].set_ylabel("$u_0$ of the light")
+axes[0, 2].set_title("two pairs, 256 samples")
+axes[0, 2].set_xlabel("$u_0$ of one pair")
+axes[0, 2].set_ylabel("$u_0$ of the other")
 
 # %%
 # Bottom: mean squared error over the pixels for three integrands of both pairs. One is
@@ -105,7 +103,7 @@ for axis, (name, f, mean) in zip(
 ):
     for label, u, colour in (
         ("independent", random, "0.4"),
-        ("both pairs in one order", np.concatenate([other, light]), "tab:red"),
+        ("two pairs in one order", np.concatenate([other, light]), "tab:red"),
         ("sobol", np.concatenate([camera, light]), "tab:blue"),
     ):
         values = f(u)
@@ -116,13 +114,16 @@ for axis, (name, f, mean) in zip(
             mse,
             "o-",
             color=colour,
-            label=f"{label}: $n^{{{slopes[name, label]:.2f}}}$",
+            label=label,
+            markersize=2.5,
         )
     axis.set_title(name)
     axis.set_xlabel("camera samples n")
-    axis.set_ylabel("mean squared error")
-for axis in axes.flat:
-    axis.legend(fontsize=8)
+    axis.set_xticks([10, 100, 1000])
+axes[1, 0].set_ylabel("mean squared error")
+figure.legend(
+    *axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3
+)
 print(
     "\n".join(
         f"{name:12} {label:24} n^{slope:.2f}" for (name, label), slope in slopes.items()

@@ -13,7 +13,7 @@ import numpy as np
 
 import dmis
 from dmis import plot
-from dmis.examples.gallery import SCENES, options
+from dmis.examples.gallery import SCENES, options, print_canvas
 
 opts, _ = options("plot_path_vs_direct", __doc__)
 DEPTHS = opts.pick((1, 6), (1, 2, 3, 4, 6, 10))
@@ -23,16 +23,14 @@ DEEP = 6
 # Render the thesis's scenes at half of the usual size. The rule auto learns again for
 # each depth.
 scenes = {
-    "CORNELL": dmis.load_scene(
+    "cornell": dmis.load_scene(
         "cornell", resolution=opts.pick((16, 16), (100, 100), (200, 200))
     )
 }
-scenes |= {
-    about.title: opts.scene(name, 2 * opts.shrink) for name, about in SCENES.items()
-}
+scenes |= {name: opts.scene(name, 2 * opts.shrink) for name in SCENES}
 images = {}
 for title, scene in scenes.items():
-    for depth in DEPTHS if title in ("CORNELL", "KILLEROO GOLD") else (1, DEEP):
+    for depth in DEPTHS if title in ("cornell", "killeroo-gold") else (1, DEEP):
         settings = dmis.Settings(integrator="path", max_depth=depth)
         result = dmis.render(
             scene,
@@ -50,41 +48,40 @@ for title, scene in scenes.items():
     )
 
 # %%
-# Draw one row for each scene: direct light, paths, and the indirect share, which
-# contains the noise of both images.
-figure, axes = plot.canvas(len(scenes) + 1, 3, 13, 3.6 * (len(scenes) + 1))
-for line, title in zip(axes, scenes, strict=False):
+# Draw one column for each scene: direct light, paths, and the indirect share, which
+# contains the noise of both images. The curves below are of two scenes.
+ratios = [s.camera.resolution[0] / s.camera.resolution[1] for s in scenes.values()]
+figure = print_canvas(1, 1, 5.8)[0]
+figure.clear()
+top, bottom = figure.subfigures(2, 1, height_ratios=[2.1, 1])
+axes = top.subplots(3, len(scenes), width_ratios=ratios)
+for line, title in zip(axes.T, scenes, strict=True):
     direct, paths = images[title, 1], images[title, DEEP]
-    plot.picture(line[0], direct, f"{title}: direct lighting")
-    plot.picture(line[1], paths, f"{title}: paths, depth {DEEP}")
     total = paths.mean(axis=2)
     share = 1 - np.divide(
         direct.mean(axis=2), total, out=np.ones_like(total), where=total > 0
     )
-    shown = plot.heat(
-        line[2],
-        np.clip(share, 0, 1),
-        "share of light that bounced",
-        cmap="magma",
-        vmin=0,
-        vmax=1,
-    )
-    figure.colorbar(shown, ax=line[2], shrink=0.8)
-for axis in axes[-1, 1:]:
-    axis.set_visible(False)
-for title in ("CORNELL", "KILLEROO GOLD"):
+    plot.picture(line[0], direct, title)
+    plot.picture(line[1], paths)
+    share = np.clip(share, 0, 1)
+    shown = plot.heat(line[2], share, cmap="magma", vmin=0, vmax=1)
+for axis, label in zip(axes[:, 0], ("direct", "paths", "indirect share"), strict=True):
+    axis.set_ylabel(label)
+top.colorbar(shown, ax=axes[2], location="bottom", shrink=0.5, aspect=40)
+axis = bottom.subplots()
+for title, mark in (("cornell", "o-"), ("killeroo-gold", "s--")):
     means = np.array([images[title, depth].mean() for depth in DEPTHS])
-    axes[-1, 0].plot(DEPTHS, means / means[-1], "o-", label=title)
-axes[-1, 0].set_xlabel("surfaces that may scatter light (max_depth)")
-axes[-1, 0].set_ylabel(f"mean / mean at depth {DEPTHS[-1]}")
-axes[-1, 0].set_ylim(0, None)
-axes[-1, 0].legend(fontsize=8)
-axes[-1, 0].grid(alpha=0.3)
+    axis.plot(DEPTHS, means / means[-1], mark, label=title)
+axis.set_xlabel("surfaces that may scatter light (max_depth)")
+axis.set_ylabel(f"mean / mean at {DEPTHS[-1]}")
+axis.set_ylim(0, None)
+axis.legend()
+axis.grid(alpha=0.3)
 opts.save(
     figure,
     "Path tracing and direct lighting",
     f"""Direct lighting, path tracing {DEEP} surfaces deep, and the share of the
     radiance that other surfaces have scattered, by the rule auto with {opts.spp}
     samples per pixel. Below: the mean of the image against the depth.""",
-    panel=axes[0, 1],
+    panel=axes[1, 0],
 )

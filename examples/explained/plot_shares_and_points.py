@@ -16,7 +16,7 @@ import numpy as np
 
 import dmis
 from dmis import plot
-from dmis.examples.gallery import options
+from dmis.examples.gallery import options, print_canvas
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 
 opts, _ = options("plot_shares_and_points", __doc__)
@@ -38,7 +38,7 @@ SETUPS = {
     },
 }
 size = opts.pick((32, 18), (200, 111), (1500, 833))
-figure, axes = plot.canvas(1, 2, 13, 4.6)
+figure, axes = print_canvas(1, 2, 2.9, sharey=True)
 ratios_of = {}
 for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
     scene = dmis.load_scene(name, resolution=size)
@@ -83,10 +83,13 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
     axis.set_yscale("log")
     axis.set_ylim(0.4, 8)
     plot.round_ticks(axis.yaxis)
-    axis.set_title("TT without a sun" if name == "tt-overcast" else "TT")
+    axis.set_title(name)
     axis.set_xlabel("share w of light samples")
-    axis.set_ylabel("MSE over that of w = 1/2")
-    axis.legend(loc="upper center")
+
+axes[0, 0].set_ylabel("MSE over that of w = 1/2")
+figure.legend(
+    *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3
+)
 
 # %%
 # With independent points the best share lies elsewhere than at 1/2, and the rule gains

@@ -26,7 +26,7 @@ import numpy as np
 
 import dmis
 from dmis.base import malloc
-from dmis.examples.gallery import in_notebook, options
+from dmis.examples.gallery import in_notebook, options, print_canvas
 from dmis.geometry import shapes
 from dmis.geometry.mesh import vertex_normals
 
@@ -113,9 +113,7 @@ def draw(data, opts):
     """Three panels: time against samples, memory against samples, both against
     triangles.
     """
-    from dmis import plot
-
-    figure, axes = plot.canvas(1, 3, 16, 5)
+    figure, axes = print_canvas(1, 3, 2.8)
     runs = data["runs"]
     largest = max(runs["pixels"] + runs["spp"], key=samples)
     each = largest["seconds"] / samples(largest)
@@ -133,19 +131,16 @@ def draw(data, opts):
             f"{marker}-",
             color=colour,
         )
-        axes[0, 1].plot([], [], f"{marker}-", color=colour, label=labels[kind])
     line = np.array([samples(runs["spp"][0]), whole], float)
-    axes[0, 0].plot(
-        line, each * line, "--", color="0.5", label="in proportion to samples"
-    )
+    axes[0, 0].plot(line, each * line, "--", color="0.5", label="in proportion")
     axes[0, 0].plot(
         [whole],
         [each * whole],
         "*",
-        markersize=13,
+        markersize=9,
         markerfacecolor="white",
         color="0.3",
-        label=f"{TARGET[0]}×{TARGET[0]}, {TARGET[1]} spp: extrapolated",
+        label="extrapolated",
     )
     axes[0, 0].set_ylabel("seconds of one thread")
     axes[0, 1].set_ylabel("peak memory (MB)")
@@ -153,21 +148,22 @@ def draw(data, opts):
         axis.set_xlabel("camera samples in all")
     n = np.array([run["triangles"] for run in runs["triangles"]])
     for key, marker, label in (
-        ("seconds", "o", "render"),
-        ("build_seconds", "s", "build: tables, Embree"),
+        ("seconds", "D", "render, more triangles"),
+        ("build_seconds", "v", "build, more triangles"),
     ):
         axes[0, 2].plot(
             n,
             [run[key] for run in runs["triangles"]],
             f"{marker}-",
-            label=f"{label} (seconds)",
+            color={"D": "tab:green", "v": "tab:orange"}[marker],
+            label=label,
         )
     axes[0, 2].plot(
         n,
         [run["peak_bytes"] / 1e9 for run in runs["triangles"]],
         "^-",
         color="0.5",
-        label="peak memory (GB)",
+        label="peak memory",
     )
     axes[0, 2].set_xlabel("triangles")
     axes[0, 2].set_ylabel("seconds of one thread; GB")
@@ -175,8 +171,8 @@ def draw(data, opts):
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
     axes[0, 1].set_ylim(bottom=50)
+    figure.legend(loc="outside lower center", ncols=4)
 
     big, small = runs["pixels"][-1], runs["pixels"][0]
     most, least = runs["spp"][-1], runs["spp"][0]

@@ -10,12 +10,14 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from matplotlib.legend import Legend
+from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter
 
 from dmis import plot
@@ -66,6 +68,9 @@ SHRINK = {"quick": 32, "default": 5, "full": 1}
 """The thesis's size is divided by this."""
 REFERENCE_SPP = {"quick": 32, "default": 256, "full": 128}
 """Camera samples per pixel of each half of a reference."""
+
+PAGE_WIDTH = 700 / 96
+"""Width of a page in inches: 700 pixels of 1/96 inch."""
 
 
 @dataclass(frozen=True)
@@ -125,25 +130,29 @@ class Options:
         more = {"integrator": integrator, "parallel": self.threads, "progress": self.progress}
         return make_reference(scene, spp or REFERENCE_SPP[self.size], **more)
 
-    def save(self, figure: Any, title: str, caption: str, panel: Any = None, dpi: int = 100) -> None:
+    def save(self, figure: Any, title: str, caption: str, panel: Any = None, dpi: int = 200) -> None:
         """Write the figure as PNG, title, caption and panel in its metadata; print the caption, show it or its path.
+
+        The metadata also have the number of legends, and the size of the smallest letters where it fills a page.
 
         `panel` is the axes that stand for the figure where there is room for one alone, the first if it is None. Its
         rectangle, labels included, is left, top, right and bottom as fractions of the picture.
         """
         caption = " ".join(caption.split())
+        plain_exponents(figure)  # a raised exponent has 0.7 times the size of its label
         lay_out(figure)
         box = (panel or figure.axes[0]).get_tightbbox().transformed(figure.transFigure.inverted())
         sides = np.clip((box.x0, 1 - box.y1, box.x1, 1 - box.y0), 0, 1)
         rectangle = " ".join(f"{side:.4f}" for side in sides)
         metadata = {"Title": title, "Description": caption, "Software": "dmis", "Panel": rectangle}
+        metadata |= {"Letters": f"{smallest_letters(figure):.2f}", "Legends": str(len(figure.findobj(Legend)))}
         figure.savefig(self.output, dpi=dpi, metadata=metadata)
         print(caption)
         self._show()
 
     def save_for_print(self, figure: Any, title: str, caption: str, panel: Any = None, dpi: int = 200) -> None:
         """Write the figure as PDF, and as PNG as `save` does; title and caption are in the metadata of both."""
-        plain_exponents(figure)  # a raised exponent has 0.7 times the size of its label
+        plain_exponents(figure)
         metadata = {"Title": title, "Subject": " ".join(caption.split())}
         lay_out(figure)
         figure.savefig(self.output.with_suffix(".pdf"), dpi=dpi, metadata=metadata)
@@ -164,6 +173,12 @@ def lay_out(figure: Any) -> None:
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
         figure.set_layout_engine("none")
+
+
+def smallest_letters(figure: Any) -> float:
+    """Return the size in points of the smallest letters of a figure where it is as wide as a page, 700 pixels."""
+    texts = (text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip())
+    return min(text.get_fontsize() for text in texts) * PAGE_WIDTH / figure.get_size_inches()[0]
 
 
 def in_notebook() -> bool:
@@ -212,7 +227,7 @@ def options(name: str, description: str | None, **more: dict[str, Any]) -> tuple
 
 
 def print_canvas(rows: int, columns: int, height: float, width: float = 7, **options: Any) -> tuple[Any, Any]:
-    """Return a figure that is printed `width` x `height` inches large, and its axes.
+    """Return a figure that is `width` x `height` inches large in print or on a page, and its axes.
 
     All letters have 8 points: 7.2 if a figure of 7 inches is printed in a column of 6.3 inches.
     """
@@ -255,16 +270,6 @@ class Errors(dict[Budget, Array]):
     def ratio(self, budget: Budget, baseline: Budget) -> tuple[float, float]:
         """Return the MSE over that of the baseline, and half of its 95 % interval; one seed of a large image does."""
         return ratio_over_blocks(self[budget], self[baseline])
-
-
-def on_cpu(runs: Sequence[Run]) -> list[Run]:
-    """Return `runs` with CPU seconds in place of wall seconds, divided between the stages in the same proportions.
-
-    Wall time depends on the other load of a machine; on one thread of an idle machine both are the same.
-    """
-    stages = "pilot_seconds", "fit_seconds", "render_seconds"
-    shares = (run.cpu_seconds / run.seconds for run in runs)
-    return [replace(run, **{s: share * getattr(run, s) for s in stages}) for run, share in zip(runs, shares)]
 
 
 def plain_exponents(figure: Any) -> None:
