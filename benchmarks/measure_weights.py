@@ -8,10 +8,13 @@ Run: python benchmarks/measure_weights.py     (minutes, with the data that mis_b
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 import numpy as np
 from mis_bench import make_data

@@ -295,9 +295,8 @@ def sentences() -> dict[str, list[str]]:
 
 def draw_bounds() -> None:
     """Draw a panel per scene: bounds at both sizes, and what rules reach at full size."""
+    from common import print_canvas
     from weights_figures import write
-
-    from dmis.examples.gallery import print_canvas
 
     large, shown = scores(True), KINDS[1:-1]
     figure, axes = print_canvas(2, 4, 5, sharey=True, sharex=True)

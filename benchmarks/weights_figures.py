@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import print_canvas
 from mis_bench import cropped
 from weight_bounds import ShareTiltMoments, resized, variance
 
@@ -15,7 +16,6 @@ from dmis import plot
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import Settings
-from dmis.examples.gallery import print_canvas
 from dmis.experiment.bench.rendered import load
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Round, pilot_settings
