@@ -24,7 +24,7 @@ plot_fig_2_1_variance plot_eq_3_1_variance_is_mse plot_fig_3_1_precomputation pl
 plot_fig_3_3_mse_curve_killeroo_gold plot_fig_3_4_weights plot_fig_3_5_filter plot_fig_4_1_scenes plot_table_4_1
 plot_fig_5_1_limitation_tt plot_1d_mixture plot_1d_simplex plot_brdf_zoo plot_held_out_scenes plot_learned_shares
 plot_many_lights plot_models plot_nets plot_path_vs_direct plot_rough_glass plot_scene_plan plot_shares_and_points
-plot_why_the_parabola_fails plot_error_vs_time plot_oracle_and_regret plot_patch_size plot_rules_compared plot_scale
+plot_why_the_parabola_fails plot_oracle_and_regret plot_patch_size plot_scale
 """.split()
 """Pictures that may be older than their scripts: they are to be drawn again with other type and legends."""
 OTHER_FILES = {
@@ -39,7 +39,6 @@ OTHER_FILES = {
 NOT_MADE = {
     "mis-bench-validated": "a quarter of an hour",
     "parabola": "minutes",
-    "report": "ten minutes",
     "cluster": "minutes on a machine that does nothing else",
 }
 """Pieces whose rows are not committed yet, and how long they take."""

@@ -40,7 +40,7 @@ for line, (name, (width, height)) in zip(axes, SIZES.items(), strict=True):
     rows.append(f"| {name} {width // SHRINK}×{height // SHRINK} | {means} |")
 
     for axis, (rule, title) in zip(line, TITLES.items(), strict=False):
-        plot.picture(axis, results[rule].image, title if line is axes[0] else "")
+        plot.picture(axis, results[rule].image, title if name == "veach-mis" else "")
     share = plot.weights(line[-1], results["auto"].weight)
     line[0].set_ylabel(name)
 axes[0, -1].set_title("auto: shares", fontsize="medium")
