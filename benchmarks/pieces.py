@@ -90,6 +90,14 @@ PIECES: tuple[Piece, ...] = (
         ("tables/paths.csv",),
         (*renders_of(FOUR, "balance", "auto"), *renders_of(("cornell", "ten-lights"), "balance", "auto")),
     ),
+    Piece(
+        "stability",
+        "benchmarks/make_stability_table.py",
+        "make_stability_table",
+        ("stability.md: map", "stability.md: ground", "stability.md: scenes"),
+        ("tables/stability.csv",),
+        (*BY_BALANCE, *renders_of(("veach-mis", "ten-lights", "cornell"), "balance")),
+    ),
     # Tables.
     Piece(
         "mis-bench",
