@@ -156,6 +156,16 @@ PIECES: tuple[Piece, ...] = (
         ("tables/doctor-faults.csv",),
         (*BY_BALANCE, *HELD_OUT),
     ),
+    Piece("error-time", "benchmarks/make_error_time.py", files=("tables/error-time.csv",), renders=BY_THESIS),
+    Piece(
+        "error-time-figures",
+        "benchmarks/show_error_time.py",
+        "show_error_time",
+        ("error-time.md: equal-time",),
+        tuple(f"images/error-time-{scene}.webp" for scene in FOUR),
+        BY_ALL,
+        "benchmarks/show_error_time.py",
+    ),
     # Pictures that are not in the gallery.
     Piece(
         "doctor-figure",

@@ -109,6 +109,7 @@ CONTENTS = {
     ],
     "Measured": [
         "measurements",
+        "error-time",
         "what-weights-save",
         "mis-bench",
         "bench-files",

@@ -263,6 +263,7 @@ MEASUREMENTS = [
         ("--seeds", "2", "--most", "2", "--scenes", "tt"),
         {"| tt ": 7, "| `auto` |": 1},
     ),
+    ("make_error_time", "show_error_time", ("--seeds", "2", "--scenes", "tt"), {"| tt ": 1}),
     ("measure_pattern_harm", "", ("--seeds", "4", "--scenes", "teapot-area-light", "tt"), {"% ± ": 4}),
     ("make_parabola_table", "", ("--seeds", "1"), {"| 4 | ": 4, "nan": 0}),
     pytest.param("make_ladder_table", "", (), {"| B": 8, "|  | ": 3}, marks=pytest.mark.slow),

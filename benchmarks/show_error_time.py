@@ -1,0 +1,176 @@
+"""
+Error against run time
+======================
+
+Draws docs/images/error-time-SCENE.webp for each scene of the thesis: relMSE and MSE against CPU seconds, direct light
+above and paths below. Everything comes from rows that other scripts have measured: `make_points_table`,
+`make_error_time`, `make_path_table`, `against_mitsuba` and `weight_bounds`. ``tables()`` has the errors in equal time.
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
+import show_mitsuba
+import show_points
+from common import ROOT, options, print_canvas
+from equal_time import equal_time_ratio
+from pieces import FOUR
+from PIL import Image
+from rows import markdown, read_rows, read_runs
+
+from dmis import plot
+from dmis.experiment.convergence import MEASURES, Measure
+from dmis.experiment.metrics import mean_and_error
+from dmis.experiment.runs import Run
+
+CSV = ROOT / "docs" / "tables" / "error-time.csv"
+PATHS, BOUNDS = CSV.with_name("paths.csv"), CSV.with_name("weight-bounds.csv")
+SPP = 128
+"""Budget of the table, and of the renders beside Mitsuba's."""
+PATHS_SPP = 64
+"""The same by paths."""
+TILT, SHARES = (f"thesis:weigh={w},sampler=independent" for w in ("heuristic", "samples"))
+SECOND_MOMENT = "second-moment:sampler=sobol"
+
+
+class Line(NamedTuple):
+    """A rule in the legend, the rule measured for it in direct light and the variant by paths, and how it is drawn."""
+
+    label: str
+    direct: str
+    paths: str
+    colour: str
+    mark: str
+
+
+LINES = (
+    Line("balance, independent", show_points.PLAIN, "independent", "0.55", "o"),
+    Line("thesis:weigh=heuristic", TILT, "", "#d55e00", "s"),
+    Line("thesis:weigh=samples", SHARES, "", "#d9a200", "D"),
+    Line("balance, Sobol", show_points.SOBOL, "roulette", "black", "o"),
+    Line("second-moment, Sobol", SECOND_MOMENT, "", "#c565b0", "^"),
+    Line("auto, Sobol", show_points.AUTO, "auto", "#2b8cd6", "v"),
+)
+"""The thesis's baseline and its rule are without sky compensation, the lines below have it."""
+BALANCE, BOUND, MITSUBA = "balance, Sobol", "bound of shares", "Mitsuba's best set-up"
+Lines = dict[str, dict[int, list[Run]]]
+"""Runs by label and samples per pixel."""
+
+
+def direct(scene: str, measure: Measure) -> Lines:
+    """Return the runs in direct light, fewest samples first."""
+    runs = dict(show_points.measured()[scene])
+    for run in read_runs(CSV).get(scene, []):
+        runs.setdefault((run.rule, run.spp), []).append(run)
+    rules = {line.label: line.direct for line in LINES}
+    if measure == "mse":
+        rules = {label: show_points.ABSOLUTE.get(rule, rule) for label, rule in rules.items()}
+    return {label: {n: runs[name, n] for name, n in sorted(runs) if name == rule} for label, rule in rules.items()}
+
+
+def by_paths(scene: str) -> Lines:
+    """Return the runs by paths, fewest samples first; `auto` makes relMSE least."""
+    lines: Lines = {}
+    for line in LINES:
+        runs = [run for run in read_runs(PATHS).get(scene, []) if run.rule == line.paths]
+        lines[line.label] = {n: [run for run in runs if run.spp == n] for n in sorted({run.spp for run in runs})}
+    return lines
+
+
+def bound(name: str, measure: Measure) -> float:
+    """Return what the best shares leave of the balance heuristic's error, at the smallest size of a scene."""
+    kind = {"relmse": "relative", "mse": "absolute"}[measure]
+    rows = [r for r in read_rows(BOUNDS) if (r["scene"], r["measure"], r["bound"]) == (name, kind, "share per patch")]
+    return float(min(rows, key=lambda row: int(row["width"]))["value"])
+
+
+def points(of_rule: Mapping[int, Sequence[Run]], measure: Measure) -> np.ndarray:
+    """Return seconds, mean error and the ends of its 95 % interval ``(4, B)``: Student's, of the logarithm."""
+    from scipy.stats import t
+
+    columns = []
+    for runs in of_rule.values():
+        mean, error = mean_and_error(np.array([getattr(run, measure) for run in runs]))
+        factor = np.exp(t.ppf(0.975, len(runs) - 1) * error / mean) if len(runs) > 1 else 1.0
+        columns.append((np.median([run.cpu_seconds for run in runs]), mean, mean / factor, mean * factor))
+    return np.array(columns).reshape(-1, 4).T
+
+
+def draw(axis: Any, lines: Lines, measure: Measure, limit: float | None, mitsuba: Mapping[str, str] | None) -> None:
+    """Draw the lines of all rules; `limit` is a `bound`, `mitsuba` a row of `against_mitsuba`."""
+    for line in LINES:
+        if not lines[line.label]:
+            continue
+        seconds, mean, low, high = points(lines[line.label], measure)
+        axis.fill_between(seconds, low, high, color=line.colour, alpha=0.15, linewidth=0)
+        axis.plot(seconds, mean, color=line.colour, marker=line.mark, markersize=3.5, label=line.label)
+    if limit is not None:
+        seconds, mean = points(lines[LINES[0].label], measure)[:2]
+        axis.plot(seconds, limit * mean, color="0.55", linestyle="--", label=BOUND)
+    if mitsuba is not None:
+        seconds, mean = points({0: lines[BALANCE][int(mitsuba["spp"])]}, measure)[:2]
+        style = {"marker": "*", "markersize": 9, "markerfacecolor": "white", "linestyle": "", "label": MITSUBA}
+        axis.plot(seconds, mean / float(mitsuba["ratio"]), color="#b0413e", **style)
+    axis.set(xscale="log", yscale="log")
+    axis.grid(alpha=0.25, which="both", linewidth=0.4)
+    plot.round_ticks(axis.xaxis)
+    plot.round_ticks(axis.yaxis)
+
+
+def figure(scene: str) -> Any:
+    """Return the figure of a scene."""
+    name = scene.split()[0]
+    drawn, axes = print_canvas(2, 2, 6.4, sharex="row")
+    for column, (measure, title) in zip(axes.T, MEASURES.items(), strict=True):
+        direct_rows, path_rows = read_rows(show_mitsuba.ERRORS), read_rows(show_mitsuba.PATHS)
+        theirs = [show_mitsuba.best(rows, name, "balance", measure) for rows in (direct_rows, path_rows)]
+        draw(column[0], direct(scene, measure), measure, bound(name, measure), theirs[0])
+        draw(column[1], by_paths(scene), measure, None, theirs[1])
+        column[0].set_title(f"{title}, direct light")
+        column[1].set_title(f"{title}, by paths")
+        column[1].set_xlabel("CPU seconds")
+    labelled = dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True))
+    drawn.legend(labelled.values(), labelled, loc="outside lower center", ncols=4)
+    return drawn
+
+
+def scenes() -> list[str]:
+    """Return the measured scenes of the thesis with their resolutions."""
+    return [scene for scene in show_points.measured() if scene.split()[0] in FOUR]
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the table of relMSE in equal time, over the balance heuristic with Sobol points."""
+    rows = []
+    for scene in scenes():
+        lines = direct(scene, "relmse")
+        base = list(lines[BALANCE].values())
+        labels = [line.label for line in LINES if line.label != BALANCE and lines[line.label]]
+        rows.append([scene, *(show_points.cell(*equal_time_ratio(lines[x][SPP], base, "relmse")) for x in labels)])
+    return {"error-time.md: equal-time": markdown(["scene", *labels], rows)}
+
+
+def main() -> None:
+    """Draw, and write WebP files."""
+    opts, given = options(
+        __file__,
+        "figures of error against time",
+        folder={"type": Path, "default": ROOT / "docs" / "images", "help": "of the pictures (default docs/images)"},
+    )
+    for scene in scenes():
+        drawn = figure(scene)
+        drawn.savefig(opts.output, dpi=200)
+        target = given.folder / f"error-time-{scene.split()[0]}.webp"
+        with Image.open(opts.output) as image:
+            image.convert("RGB").save(target, quality=85, method=6)
+        print(target)
+
+
+if __name__ == "__main__":
+    main()
