@@ -78,7 +78,7 @@ PIECES: tuple[Piece, ...] = (
         "points",
         "benchmarks/make_points_table.py",
         "show_points",
-        ("README.md: equal time", "measurements.md: steps", "tables.md: points"),
+        ("README.md: equal time", "measurements.md: steps", "measurements.md: losses", "tables.md: points"),
         ("tables/points.csv",),
         (*BY_BALANCE, *renders_of(FOUR, "auto"), *HELD_OUT),
     ),
