@@ -228,7 +228,7 @@ def test_techniques_that_cannot_be_sent(box: dmis.Scene) -> None:
         def rounds(self, budget: Any) -> Any:
             yield budget.final(dmis.Fit(0.5), techniques=("light", local))
 
-    with pytest.raises(ValueError, match=r"can be sent to another process: .* at the top level of a module"):
+    with pytest.raises(ValueError, match=r"must be picklable: .* at the top level of a module"):
         dmis.render(box, Local(), 4, parallel=dmis.Processes(1))
 
 

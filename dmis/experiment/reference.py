@@ -219,7 +219,7 @@ def from_cache(path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[
     Raises
     ------
     ValueError
-        If the file is damaged, or is of something else: its key is not `key`.
+        If the file is damaged, or does not match, because its key is not `key`.
     """
     if not path.exists():
         return None
@@ -240,7 +240,7 @@ def check_key(file: str, stored: str, key: Mapping[str, Any], advice: str) -> No
         raise ValueError(f"{file} has a key that is not readable, {stored[:40]!r}. {advice}") from None
     here = json.loads(json.dumps(key))  # lists in the place of tuples
     if differences := [f"{name} is {there.get(name)}, not {v}" for name, v in here.items() if there.get(name) != v]:
-        raise ValueError(f"{file} is of something else: {'; '.join(differences)}. {advice}")
+        raise ValueError(f"{file} does not match: {'; '.join(differences)}. {advice}")
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:

@@ -204,7 +204,7 @@ def _pickled(call: Any) -> bytes:
         return pickle.dumps(call)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise ValueError(
-            f"a round must be of what can be sent to another process: {error}. Define functions and classes of its "
+            f"a round must be picklable: {error}. Define functions and classes of its "
             f"techniques and statistic at the top level of a module, such as a plug-in"
         ) from error
 

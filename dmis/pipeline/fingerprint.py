@@ -87,7 +87,7 @@ def digest(value: Any, name: str = "value") -> str:
     try:
         return hashlib.sha256(_text(value, name).encode()).hexdigest()[:16]
     except RecursionError:
-        raise ValueError(f"{name} must not contain itself, because it is walked to the end") from None
+        raise ValueError(f"{name} must not contain itself, because all its content is hashed") from None
 
 
 def sampling_hashes(settings: Mapping[str, Any]) -> dict[str, str]:

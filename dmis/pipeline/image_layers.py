@@ -57,7 +57,7 @@ def with_layers(job: Job, names: Sequence[str]) -> Job:
     if not of_light:
         return replace(job, layers=make)
     if job.most > job.spp:
-        raise ValueError("layers of light need a number of samples that is known beforehand: give spp alone")
+        raise ValueError("layers of light need a fixed number of samples: give spp without noise or seconds")
     paths = settings.integrator == "path"
     if of_light & {"direct", "indirect"} and plan.deltas and paths:
         raise ValueError(

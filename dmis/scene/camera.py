@@ -150,7 +150,7 @@ class Camera:
     def _affine(self) -> tuple[Array, Array, Array]:
         """Direction of pixel coordinates (x, y) as ``a + b x + c y``, if the camera is a pinhole."""
         if not self.is_pinhole:
-            raise ValueError("rays are those of a pinhole; lens_rays returns origins and directions of any camera")
+            raise ValueError("rays needs a pinhole; lens_rays returns origins and directions of any camera")
         width, height = self.frame or self.resolution
         right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
         b = right * self.pixel

@@ -512,12 +512,12 @@ class Unfinished(dmis.Rule):
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        ("simplex", "scored on fixed shares of light and BRDF sampling"),
+        ("simplex", "scores fixed shares of light and BRDF sampling"),
         ("one-sample:0.5", "has random ones of light and brdf"),
         ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
-        (OfPixels(), "needs features of pixels; pilots have those of patches"),
+        (OfPixels(), "needs features of pixels; the data hold those of patches"),
         (Unfinished(), "must yield a final round"),
         (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),
         (lambda tables: None, "a function must return one share .* got None"),

@@ -182,9 +182,7 @@ def test_a_file_of_something_else_is_refused(box, tmp_path, kind):
     (path,) = set(tmp_path.iterdir()) - {other}
     before = path.read_bytes()
     path.write_bytes(other.read_bytes())
-    with pytest.raises(
-        ValueError, match=rf"{kind} {path} is of something else: spp is 8, not 16\. Remove it, and it is"
-    ):
+    with pytest.raises(ValueError, match=rf"{kind} {path} does not match: spp is 8, not 16\. Remove it, and it is"):
         make(box, 16, folder=tmp_path)
     if kind == "reference":
         layers, attributes = dmis.read_exr(path)
@@ -207,7 +205,7 @@ def test_a_given_reference_of_another_image_is_refused(box, tmp_path):
         (small, {"max_depth": 1}, r"scene is .*; resolution is \[32, 24\], not \[16, 12\]\."),
         (box, {"integrator": "path"}, r"integrator is direct, not path; max_depth is 1, not 5\."),
     ):
-        with pytest.raises(ValueError, match=rf"reference {path} is of something else: {difference}"):
+        with pytest.raises(ValueError, match=rf"reference {path} does not match: {difference}"):
             reference.load_reference(path, scene, dmis.Settings(**settings))
     dmis.write_exr(path, dmis.read_exr(path)[0])
     assert reference.load_reference(path, small).spp == 0

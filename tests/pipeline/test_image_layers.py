@@ -143,7 +143,7 @@ def test_techniques_alone(rule: str) -> None:
     (["light:1"], {}, "got 'light:1'"),
     (["direct"], {"rule": "auto"}, "same number of samples in all pixels"),
     (["unweighted"], {"rule": "thesis"}, "layer unweighted needs fixed shares"),
-    (["direct"], {"rule": "balance", "noise": 0.5}, "known beforehand"),
+    (["direct"], {"rule": "balance", "noise": 0.5}, "without noise or seconds"),
 ])  # fmt: skip
 def test_refuses(layers: list[str], options: dict[str, object], message: str) -> None:
     """Names that are none, and rules of other numbers of samples."""

@@ -297,5 +297,5 @@ def test_other_cameras_see_all_pixels_and_are_rescaled() -> None:
 def test_refused_lenses(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         replace(PLACE, **changes)
-    with pytest.raises(ValueError, match="rays are those of a pinhole; lens_rays returns"):
+    with pytest.raises(ValueError, match="rays needs a pinhole; lens_rays returns"):
         LENS.rays(np.float32([0]), np.float32([0]))

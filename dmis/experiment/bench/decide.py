@@ -54,7 +54,7 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     rule = rule.filled(settings)
     if settings.techniques != ("light", "brdf") or settings.allocation != "systematic" or rule.multi_technique:
         raise ValueError(
-            f"a rule is scored on fixed shares of light and BRDF sampling; {text} has {settings.allocation} ones of "
+            f"MIS-Bench scores fixed shares of light and BRDF sampling; {text} has {settings.allocation} shares of "
             f"{' and '.join(settings.techniques)}. Measure it by python -m dmis compare"
         )
     if reason := rule.fallback(SPP):
@@ -89,7 +89,7 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
             f"others; pilots have, in all pixels, {available}. Use a smaller pilot"
         )
     if round_.needs_features == "pixels":
-        raise ValueError(f"rule {text} needs features of pixels; pilots have those of patches. Measure it by compare")
+        raise ValueError(f"rule {text} needs features of pixels; the data hold those of patches. Measure it by compare")
     used[w] += n
     part = _part(table, begin, n, s)
     tilt = None if round_.tilt is None else float(round_.tilt[0])

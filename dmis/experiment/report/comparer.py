@@ -102,7 +102,7 @@ def show(
     if reference is not None:
         truth = _linear("reference", reference.mean if isinstance(reference, Reference) else reference)
         if "reference" in pictures:
-            raise ValueError("label 'reference' is that of the reference, got it for an image, too. Rename the image.")
+            raise ValueError("label 'reference' is reserved for the reference; an image has it, too. Rename the image.")
     shapes = {label: image.shape[:2] for label, image in {"reference": truth, **pictures}.items() if image is not None}
     if len(set(shapes.values())) > 1:
         given = ", ".join(f"{label} {width}×{height}" for label, (height, width) in shapes.items())

@@ -60,7 +60,7 @@ def test_notebook_frame_holds_the_page(tmp_path: Path) -> None:
         ({"a": A}, A[:, :1], ValueError, "one size, got reference 1×3, a 4×3"),
         ({"a": A[..., :2]}, None, ValueError, r"'a' must have the shape \(H, W, 3\) or \(H, W\), got \(3, 4, 2\)"),
         ({"a": "a.exr"}, None, ValueError, "'a' must be an array of numbers or a dmis.Result, got str"),
-        ({"reference": A}, A, ValueError, "label 'reference' is that of the reference"),
+        ({"reference": A}, A, ValueError, "label 'reference' is reserved for the reference"),
     ],
 )
 def test_what_cannot_be_shown(images, reference, error, message) -> None:
