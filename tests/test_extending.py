@@ -354,6 +354,6 @@ def test_camera_and_mirror_see_the_texture() -> None:
 
 def test_fields_of_a_round_are_named() -> None:
     """The bullets below the rule of two rounds speak of fields of `Round` by their names."""
-    bullets = PAGE[PAGE.index("* `stage` says") :].split("\n\n")[0]
+    bullets = PAGE[PAGE.index("* `stage` is") :].split("\n\n")[0]
     named = set(re.findall(r"`(\w+)`", bullets)) - {"auto"}
     assert {"stage", "image_weight", "begin"} <= named <= {field.name for field in dataclasses.fields(Round)}

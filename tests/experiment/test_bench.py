@@ -513,7 +513,7 @@ class Unfinished(dmis.Rule):
     ("rule", "message"),
     [
         ("simplex", "scores fixed shares of light and BRDF sampling"),
-        ("one-sample:0.5", "has random ones of light and brdf"),
+        ("one-sample:0.5", "has random shares of light and brdf"),
         ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
