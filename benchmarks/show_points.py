@@ -88,7 +88,8 @@ def steps(measure: Measure) -> list[str]:
         skies = scene.split()[0] in SKY
         pairs = [("–" if name == "sky compensation" and not skies else pair) for name, pair in STEPS.items()]
         rows.append([title(scene), *(p if isinstance(p, str) else cell(*over(scene, *p, measure)) for p in pairs)])
-    return markdown([f"{MEASURES[measure]}", *STEPS], rows)
+    means = ["–" if name == "sky compensation" else f"{mean_of(name, measure):.3f}" for name in STEPS]
+    return markdown([MEASURES[measure], *STEPS], [*rows, ["geometric mean", *means]])
 
 
 def budgets() -> list[int]:
@@ -157,10 +158,8 @@ def sentences() -> dict[str, list[str]]:
     """Return fragments of prose with numbers, by page."""
     alone = [step for step in STEPS if step not in ("sky compensation", "all four")]
     points, numbers, shares = (percent(mean_of(step, "relmse")) for step in alone)
-    squares = [percent(mean_of(step, "mse")) for step in alone]
     won = {m: [over(scene, AUTO, SOBOL, m) for scene in measured()] for m in MEASURES}
     saved = {m: sorted(100 * (1 - ratio.value) for ratio in ratios if ratio.high < 1) for m, ratios in won.items()}
-    sky = {measure: percent(over(scene, SOBOL, PLAIN_SOBOL, measure).value) for measure in MEASURES for scene in tt()}
     thesis = sorted(100 * over(scene, AUTO, PLAIN, "relmse").value for scene in measured())
     (gold,) = (scene for scene in measured() if scene.startswith("killeroo-gold"))
     of_gold, errors = over(gold, AUTO, SOBOL, "relmse"), [run.relmse for run in measured()[gold][AUTO, SPP]]
@@ -171,23 +170,14 @@ def sentences() -> dict[str, list[str]]:
             f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} % of the relative error",
             f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % of the squared error on all six",
             f"Sobol points leave {points} of the relMSE of independent points",
-            f"sky compensation {sky['relmse']} on TT",
+            f"sky compensation {percent(mean_of('sky compensation', 'relmse'))} on TT",
             f"numbers of samples per pixel and light {numbers}",
             f"learned shares {shares}",
             f"`auto` leaves {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE",
         ],
         "measurements.md": [
-            f"Sobol points leave {points} of the relMSE and {squares[0]} of the MSE of independent points",
-            f"numbers of samples leave {numbers} and {squares[1]}",
-            f"learned shares {shares} and {squares[2]}",
-            f"On TT sky compensation leaves {sky['relmse']} and {sky['mse']}",
             f"at {budgets()[0]} samples {overhead[0]:.0f} to {overhead[-1]:.0f} % of that of `auto`",
             f"On KILLEROO GOLD `auto` has {of_gold.text()} of the relMSE",
             f"the median of the seeds is at {of_gold.value * median(errors) / fmean(errors):.2f}",
         ],
     }
-
-
-def tt() -> list[str]:
-    """Return the scenes with a sky."""
-    return [scene for scene in measured() if scene.split()[0] in SKY]

@@ -261,7 +261,7 @@ MEASUREMENTS = [
         "make_points_table",
         "show_points",
         ("--seeds", "2", "--most", "2", "--scenes", "tt"),
-        {"| tt ": 7, "| `auto` |": 1},
+        {"| tt ": 8, "| geometric mean |": 2, "| `auto` |": 1},
     ),
     ("make_error_time", "show_error_time", ("--seeds", "2", "--scenes", "tt"), {"| tt ": 1}),
     ("measure_pattern_harm", "", ("--seeds", "4", "--scenes", "teapot-area-light", "tt"), {"% ± ": 4}),
