@@ -27,3 +27,20 @@ def test_a_changed_bit_is_found(tmp_path, monkeypatch, capsys) -> None:
     capsys.readouterr()
     assert frozen.main(["compare", str(file)]) == 1
     assert "image: 1 of 192 entries differ, by at most 1 ulp" in capsys.readouterr().out
+
+
+def test_each_number_of_a_fingerprint_counts() -> None:
+    """A number that differs by twice the tolerance is seen, one by half of it is not; nothing else is alike."""
+    rng = np.random.default_rng(0)
+    shape = frozen.RESOLUTION[::-1]
+    arrays = {name: rng.random(shape) for name in ("deviation", "weight", "samples")}
+    arrays |= {"image": rng.random((*shape, 3)), "rays": np.array([["brdf", "3"], ["camera", "1920"]], "U32")}
+    numbers = frozen.fingerprint(arrays)
+    assert numbers["rays"] == 1923 and len(numbers) == 9
+    for name, value in numbers.items():
+        for factor, same in ((2, False), (0.5, True)):
+            other = {**numbers, name: value * (1 + factor * frozen.TOLERANCE)}
+            assert frozen.agree(numbers, other) == frozen.agree(other, numbers) == same, name
+    assert not frozen.agree({}, numbers)
+    swapped = {**arrays, "weight": arrays["weight"][::-1]}
+    assert frozen.fingerprint(swapped)["weight by number"] != numbers["weight by number"]
