@@ -62,7 +62,11 @@ BY_BALANCE = renders_of(FOUR, "balance")
 BY_THESIS = (*BY_BALANCE, *renders_of(FOUR, "thesis"))
 BY_ALL = (*BY_THESIS, *renders_of(FOUR, "auto"))
 HELD_OUT = renders_of(("veach-mis", "ten-lights"), "balance integrator=direct", "auto integrator=direct")
-
+BY_PATHS = (
+    *renders_of(("cornell", "tt", "veach-mis", "ten-lights"), "balance integrator=path"),
+    "cornell auto",
+    "cornell second-moment",
+)
 BENCH = (
     *BY_ALL,
     *HELD_OUT,
@@ -91,6 +95,62 @@ PIECES: tuple[Piece, ...] = (
         (*renders_of(FOUR, "balance", "auto"), *renders_of(("cornell", "ten-lights"), "balance", "auto")),
     ),
     Piece(
+        "speed",
+        "benchmarks/speed.py",
+        "speed",
+        ("performance.md: targets", "performance.md: speed"),
+        ("tables/speed.csv", "tables/speed-targets.csv", "tables/speed-parts.csv"),
+        BY_BALANCE,
+    ),
+    Piece(
+        "mitsuba-speed",
+        "benchmarks/against_mitsuba.py --tables speed",
+        "show_mitsuba",
+        ("performance.md: mitsuba-speed",),
+        ("tables/mitsuba-speed.csv",),
+        BY_BALANCE,
+    ),
+    Piece(
+        "mitsuba-errors",
+        "benchmarks/against_mitsuba.py --tables errors",
+        "show_mitsuba",
+        ("performance.md: mitsuba-errors",),
+        ("tables/mitsuba-errors.csv",),
+        (*BY_BALANCE, *renders_of(FOUR, "auto")),
+    ),
+    Piece(
+        "mitsuba-paths",
+        "benchmarks/against_mitsuba.py --tables paths",
+        "show_mitsuba",
+        ("paths.md: mitsuba-paths",),
+        ("tables/mitsuba-paths.csv",),
+        BY_PATHS,
+    ),
+    Piece(
+        "pattern-harm",
+        "benchmarks/measure_pattern_harm.py",
+        "measure_pattern_harm",
+        ("measurements.md: pattern harm",),
+        ("tables/pattern-harm.csv",),
+        renders_of(FOUR, "auto"),
+    ),
+    Piece(
+        "ladder",
+        "benchmarks/make_ladder_table.py --threads 1",
+        "make_ladder_table",
+        ("measurements.md: ladder",),
+        ("tables/ladder.csv",),
+        BY_BALANCE,
+    ),
+    Piece(
+        "simplex",
+        "benchmarks/make_simplex_table.py",
+        "make_simplex_table",
+        ("measurements.md: simplex",),
+        ("tables/simplex.csv",),
+        (*BY_BALANCE, "tt simplex", "teapot-area-light simplex"),
+    ),
+    Piece(
         "stability",
         "benchmarks/make_stability_table.py",
         "make_stability_table",
@@ -98,7 +158,6 @@ PIECES: tuple[Piece, ...] = (
         ("tables/stability.csv",),
         (*BY_BALANCE, *renders_of(("veach-mis", "ten-lights", "cornell"), "balance")),
     ),
-    # Tables.
     Piece(
         "mis-bench",
         "benchmarks/measure_weights.py",
