@@ -47,7 +47,6 @@ NOT_MADE = (
     "mitsuba-errors",
     "mitsuba-paths",
     "mitsuba-speed",
-    "parabola",
     "pattern-harm",
     "simplex",
     "speed",
