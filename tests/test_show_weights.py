@@ -78,12 +78,8 @@ def test_rows_of_bounds(monkeypatch: pytest.MonkeyPatch, tmp_path, fresh) -> Non
 def test_pairs_in_the_predicted_order(monkeypatch: pytest.MonkeyPatch, tmp_path, fresh) -> None:
     """Pairs whose intervals overlap do not count; a pair in the other order is told, by measure."""
     monkeypatch.setattr(show_weights, "VALIDATED_CSV", tmp_path / "validated.csv")
-    cells = [
-        ("balance", 1, 1, 1, 1, 0.01, 0.01),
-        ("thesis", 0.8, 0.8, 0.8, 1.2, 0.01, 0.01),
-        ("random", 2, 2, 1.01, 2.5, 0.01, 0.01),
-    ]
-    rows = [dict(zip(show_weights.VALIDATED_FIELDS, ("tt", *line), strict=True)) for line in cells]
+    cells = [("balance", 1, 1, 1, 1), ("thesis", 0.8, 0.8, 0.8, 1.2), ("random", 2, 2, 1.01, 2.5)]
+    rows = [dict(zip(show_weights.VALIDATED_FIELDS, ("tt", *line, 0.01, 0.01), strict=True)) for line in cells]
     write_rows(show_weights.VALIDATED_CSV, rows, show_weights.VALIDATED_FIELDS)
     pairs, agreeing = show_weights.ordered_pairs(["tt"], ["balance", "thesis", "random"])
     assert pairs.tolist() == [2, 3] and agreeing.tolist() == [2, 2]
