@@ -25,7 +25,7 @@ $(READY): pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[all,dev]"
 	@touch $(READY)
 
-demo: $(READY)  ## render the teapot with the balance heuristic and with the thesis's rule, print the table, draw the picture
+demo: $(READY)  ## render the teapot by three rules in the same time, print the table, draw the picture
 	$(BIN)/python examples/demo.py
 
 figures: $(READY)  ## draw the figures of the thesis for figures/index.html and docs/figures (15 minutes); FIGURES=/: all, hours

@@ -225,6 +225,14 @@ PIECES: tuple[Piece, ...] = (
         BY_ALL,
         "benchmarks/show_error_time.py",
     ),
+    Piece(
+        "demo",
+        "benchmarks/measure_demo.py",
+        "measure_demo",
+        files=("tables/demo.csv", "images/demo.png"),
+        renders=tuple(f"teapot-area-light {rule}" for rule in ("balance", "thesis", "auto")),
+        script="examples/demo.py",
+    ),
     # Pictures that are not in the gallery.
     Piece(
         "doctor-figure",

@@ -290,8 +290,11 @@ def test_demo_quick(run_script, tmp_path):  # noqa: F811
     """The demo prints its table and draws its picture."""
     picture = tmp_path / "demo.png"
     printed = run_script(ROOT / "examples" / "demo.py", "--quick", "-o", picture)
-    rows = [line for line in printed.split("\n") if line.startswith(("| balance", "| thesis"))]
-    assert len(rows) == 2 and rows[0].split("|")[-2].strip() == "1.000"
+    rows = [line.split("|") for line in printed.split("\n") if line.startswith(("| balance", "| thesis", "| auto"))]
+    assert [row[1].strip() for row in rows] == ["balance", "thesis", "auto"]
+    balance, thesis, auto = ([float(cell) for cell in row[-3:-1]] for row in rows)
+    assert balance == auto == [1, 1]  # auto learns from 16 samples per pixel on
+    assert all(1.5 < ratio < 20 for ratio in thesis)  # 6 of 8 samples are its pilot
     assert picture.stat().st_size > 10_000
 
 
