@@ -159,6 +159,22 @@ PIECES: tuple[Piece, ...] = (
         (*BY_BALANCE, *renders_of(("veach-mis", "ten-lights", "cornell"), "balance")),
     ),
     Piece(
+        "reproduction",
+        "examples/thesis/make_score.py",
+        "score_tables",
+        tuple(f"reproduction.md: {mark}" for mark in ("table 4.1", "score", "set-ups", "choices")),
+        ("tables/reproduction.csv",),
+        BY_THESIS,
+    ),
+    Piece(
+        "floors",
+        "examples/thesis/make_floors.py",
+        "score_tables",
+        ("reproduction.md: floors",),
+        ("tables/floors.csv",),
+        BY_THESIS,
+    ),
+    Piece(
         "mis-bench",
         "benchmarks/measure_weights.py",
         "show_weights",

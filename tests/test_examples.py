@@ -175,7 +175,7 @@ def test_set_ups_of_the_reproduction(tmp_path, monkeypatch):
     arguments = ["--seeds", "0", "--csv", tmp_path / "a.csv", "-o", tmp_path / "a.png"]
     monkeypatch.setattr(sys, "argv", [str(script), *map(str, arguments)])
     cells = {}
-    run_alone(lambda: cells.update(runpy.run_path(str(script))), script.parent, monkeypatch)
+    run_alone(lambda: cells.update(runpy.run_path(str(script), run_name="__main__")), script.parent, monkeypatch)
     teapot, setups = cells["scene_of"]("teapot-area-light"), []
     for setup, name in itertools.product(("independent", "nearest"), ("tt", "killeroo-gold")):
         settings = cells["SETUPS"][setup].settings(teapot, name)
@@ -207,36 +207,36 @@ def planted_results(path: Path, blocks: dict[str, np.ndarray]) -> None:
     path.write_text("\n".join([",".join(fields), *lines]) + "\n", "utf-8")
 
 
-def test_tables_of_planted_errors(run_script, tmp_path):  # noqa: F811
-    """Ratios, intervals, scores and seconds by hand."""
+def test_tables_of_planted_errors(tmp_path, monkeypatch):
+    """Ratios, intervals, scores, bounds and seconds by hand."""
+    import score_tables
+
     rng = np.random.default_rng(3)
     balance, shares = rng.exponential(1e-5, (2, 2, 50))
     blocks = {"balance": balance, "tilt": 2 * balance, "shares": shares, "patch 4": balance}
     planted_results(tmp_path / "results.csv", blocks)
-    script = ROOT / "examples" / "thesis" / "score_tables.py"
-    printed = run_script(script, "--csv", tmp_path / "results.csv", "-o", tmp_path / "a.png")
+    monkeypatch.setattr(score_tables, "measured", lambda: score_tables.read(tmp_path / "results.csv"))
+    printed = "\n".join(line for lines in score_tables.tables().values() for line in lines)
     told = np.array([about.equal_samples for about in SCENES.values()])
-    assert "| thesis, equal time × 119 / 122 | 0.091 | | |" in printed and " of 1 | 0.180 | | |" in printed
+    assert "| thesis, equal time × 119 / 122 | 0.091 |  |  |" in printed and " of 1 | 0.180 |  |  |" in printed
     score = np.sqrt((np.log(2 / told) ** 2).mean())
     ratio = shares.sum() / balance.sum()
     half = 1.96 * ratio * np.sqrt(((shares / shares.sum() - balance / balance.sum()) ** 2).sum() * 100 / 99)
-    mse = balance.sum() / 2
+    mse, bound = balance.sum() / 2, 0.94465 * 128 / 122
     assert f"| independent, 1/4, 2 seeds | {score:.3f} ({score:.3f} – {score:.3f}) |" in printed
     assert (
         f"| TT | independent, 1/4, 2 seeds | {mse:.2e} ({mse / 8.252e-6:.2g}) | 2.000 ± 0.000 (1.286) | no |"
-        f" {8 / 3:.3f} (1.299) | 48 +33% (147 +4%) | 2.000 ± 0.000 | {ratio:.3f} ± {half:.3f} |"
+        f" {bound:.3f} | {8 / 3:.3f} (1.299) | 48 +33% (147 +4%) | 2.000 ± 0.000 | {ratio:.3f} ± {half:.3f} |"
     ) in printed
     assert f"| patch 4 | {' | '.join(4 * ['1.000 ± 0.000'])} | 0.180 |" in printed
 
 
-def test_reproduction_is_made_of_its_results(run_script, tmp_path):  # noqa: F811
-    """Every table of the page, and its marks, but for the line that says when it was made."""
-    page = ROOT / "docs" / "reproduction.md"
-    made = tmp_path / "page.md"
-    made.write_text(page.read_text("utf-8"), "utf-8")
-    run_script(ROOT / "examples" / "thesis" / "score_tables.py", "--page", made, "-o", tmp_path / "a.png")
-    old, new = (re.sub("<!-- table: .* -->\n", "", path.read_text("utf-8")) for path in (page, made))
-    assert new == old and old.count(": begin -->") == 6
+def test_results_about_the_sun_are_those_of_the_page():
+    """The page's block is made of sun.csv, which no piece makes."""
+    import score_tables
+
+    text = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    assert "\n".join(["<!-- sun: begin -->", *score_tables.sun(), "<!-- sun: end -->"]) in text
 
 
 def test_numbers_of_the_reproduction_have_a_source():

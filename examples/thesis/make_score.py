@@ -45,17 +45,6 @@ from dmis.filter import gaussian
 from dmis.fit.registry import make_rule
 from dmis.fit.thesis import Thesis
 
-opts, given = options(
-    __file__,
-    "absolute errors and ratios of the reproduction",
-    setups={"nargs": "+", "default": ["independent", "nearest"], "help": "set-ups"},
-    rules={"nargs": "+", "default": ["balance", "tilt", "shares"], "help": "rules"},
-    scenes={"nargs": "+", "default": list(SCENES), "help": "scenes"},
-    seeds={"type": int, "default": 8, "help": "number of seeds (default 8)"},
-    divisor={"type": int, "default": 4, "help": "of the thesis's side length"},
-    csv={"type": Path, "help": "results (default docs/tables/reproduction.csv)"},
-)
-CSV = given.csv or ROOT / "docs" / "tables" / "reproduction.csv"
 BLOCK = 16
 """Side of the blocks of pixels whose errors are taken as independent."""
 SPP, PILOT = 128, 6
@@ -251,22 +240,38 @@ def write_rows(rows: list[dict[str, object]]) -> None:
 
 
 # %%
-# All seeds of one come before the next of another, so that a part is of use.
-wanted = itertools.product(range(given.seeds), given.setups, given.scenes, given.rules)
-for seed, setup, scene, rule in wanted:
-    render = Render(setup, scene, rule, seed)
-    if not render.file.exists():
-        render.make()
-        row = row_of(render)
-        errors = ", ".join(f"{m} {float(row[f'{m} mse']):.3e}" for m in MEASURES)
-        print(
-            f"{setup} {scene} {rule} {seed}: {errors}, {row['seconds']} s", flush=True
-        )
-made = [
-    render
-    for setup, scene, rule, seed in itertools.product(
-        SETUPS, SCENES, [*RULES, *CHOICES], range(100)
+# Make the renders that are missing, and write the rows of all.
+if __name__ == "__main__":
+    opts, given = options(
+        __file__,
+        "absolute errors and ratios of the reproduction",
+        setups={"nargs": "+", "default": ["independent", "nearest"], "help": "set-ups"},
+        rules={"nargs": "+", "default": ["balance", "tilt", "shares"], "help": "rules"},
+        scenes={"nargs": "+", "default": list(SCENES), "help": "scenes"},
+        seeds={"type": int, "default": 8, "help": "number of seeds (default 8)"},
+        divisor={"type": int, "default": 4, "help": "of the thesis's side length"},
+        csv={"type": Path, "help": "results (default docs/tables/reproduction.csv)"},
     )
-    if (render := Render(setup, scene, rule, seed)).file.exists()
-]
-write_rows([row_of(render) for render in made])
+    CSV = given.csv or ROOT / "docs" / "tables" / "reproduction.csv"
+    # All seeds of one come before the next of another, so that a part is of use.
+    wanted = itertools.product(
+        range(given.seeds), given.setups, given.scenes, given.rules
+    )
+    for seed, setup, scene, rule in wanted:
+        render = Render(setup, scene, rule, seed)
+        if not render.file.exists():
+            render.make()
+            row = row_of(render)
+            errors = ", ".join(f"{m} {float(row[f'{m} mse']):.3e}" for m in MEASURES)
+            print(
+                f"{setup} {scene} {rule} {seed}: {errors}, {row['seconds']} s",
+                flush=True,
+            )
+    made = [
+        render
+        for setup, scene, rule, seed in itertools.product(
+            SETUPS, SCENES, [*RULES, *CHOICES], range(100)
+        )
+        if (render := Render(setup, scene, rule, seed)).file.exists()
+    ]
+    write_rows([row_of(render) for render in made])

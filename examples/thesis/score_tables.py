@@ -18,6 +18,7 @@ import csv
 import itertools
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -26,13 +27,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from common import ROOT, SCENES, options, replace_table
 
-opts, given = options(
-    __file__,
-    "tables of the reproduction",
-    csv={"type": Path, "help": "results (default docs/tables/reproduction.csv)"},
-    page={"type": Path, "help": "gets the tables between its marks"},
-)
 TABLES = ROOT / "docs" / "tables"
+CSV = TABLES / "reproduction.csv"
 MEASURES = "linear", "clipped"
 OWN_ROWS = "balance", "power", "tilt", "shares"
 """Rules with rows of their own; the others are choices where the thesis is silent."""
@@ -44,7 +40,12 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-RESULTS = read(given.csv or TABLES / "reproduction.csv")
+@cache
+def measured() -> list[dict[str, str]]:
+    """Return the rows of `CSV`."""
+    return read(CSV)
+
+
 FULL = {row["scene"]: row for row in read(TABLES / "reproduction-full.csv")}
 
 
@@ -60,7 +61,7 @@ class Group:
     def rows(self, scene: str, rule: str) -> dict[int, dict[str, str]]:
         """Return the rows of a scene and rule, by seed."""
         key = self.setup, self.scenes, str(self.divisor), scene, rule
-        rows = {int(r["seed"]): r for r in RESULTS if tuple(r.values())[:5] == key}
+        rows = {int(r["seed"]): r for r in measured() if tuple(r.values())[:5] == key}
         return {seed: row for seed, row in rows.items() if seed < self.below}
 
     def seeds(self, scene: str, *rules: str) -> list[int]:
@@ -174,26 +175,25 @@ def times(factor: float) -> str:
     return f"{factor:.0f}" if factor >= 100 else f"{factor:.2g}"
 
 
-def publish(marks: str, head: str, lines: list[str]) -> None:
-    """Print a table, and put it into the page."""
-    table = [head, "|---" * (head.count("|") - 1) + "|", *lines]
-    print("", *table, sep="\n", flush=True)
-    if given.page is not None:
-        replace_table(given.page, marks, *table)
+def table(head: str, rows: list[list[str]]) -> list[str]:
+    """Return the lines of a table."""
+    return [head, "|---" * (head.count("|") - 1) + "|"] + [
+        f"| {' | '.join(row)} |" for row in rows
+    ]
 
 
 TITLES = " | ".join(about.title for about in SCENES.values())
-MAIN = [
-    group
-    for group in (
-        Full("independent", 1),
-        Group("independent"),
-        Group("nearest", 1),
-        Group("nearest", 2),
-        Group("nearest"),
-    )
-    if any(group.seeds(scene, "balance", "tilt") for scene in SCENES)
-]
+
+
+def groups() -> list[Group]:
+    """Return what a row of Table 4.1 may be about: a set-up at a size."""
+    sizes = [Group("independent"), *(Group("nearest", d) for d in (1, 2, 4))]
+    measured = [
+        group
+        for group in sizes
+        if any(group.seeds(scene, "balance", "tilt") for scene in SCENES)
+    ]
+    return [Full("independent", 1), *measured]
 
 
 def size_of(group: Group, scene: str) -> str:
@@ -203,54 +203,86 @@ def size_of(group: Group, scene: str) -> str:
     return f"{group.setup}, {size}, {seeds} {'seed' if seeds == 1 else 'seeds'}"
 
 
-# %%
-# Table 4.1: errors, ratios and seconds of both set-ups. Where points are independent
-# and errors fall as 1 / time, error times CPU seconds is the error in equal time.
-lines = []
-for (name, about), group in itertools.product(SCENES.items(), MAIN):
-    mse = group.mse(name)
-    if np.isnan(mse):
-        continue
-    value, variance, _ = group.ratio(name, "tilt")
-    covered = abs(about.equal_samples - value) <= 1.96 * value * variance**0.5
-    seconds = group.seconds(name, "balance")
-    slower = group.seconds(name, "tilt") / seconds
-    cells = [
-        about.title,
-        size_of(group, name),
-        f"{mse:.2e} ({times(mse / about.mse)})",
-        f"{group.cell(name, 'tilt')} ({about.equal_samples:.3f})",
-        "yes" if covered else "no",
-        f"{value * slower:.3f} ({about.equal_time:.3f})",
-        f"{seconds:.0f} {slower - 1:+.0%} ({about.seconds} {about.overhead:+.0%})",
-        group.cell(name, "tilt", "clipped"),
-        group.cell(name, "shares"),
+def best_tilts(group: Group, scene: str) -> str:
+    """Return the least ratio that tilts of patches reach, from weight-bounds.csv, with
+    the samples of the pilot paid for; a dash for a set-up without a bound."""
+    if group.setup != "independent":
+        return "–"
+    size = {1: "full", 4: "quarter"}[group.divisor]
+    (bound,) = (
+        float(row["value"])
+        for row in read(TABLES / "weight-bounds.csv")
+        if (row["scene"], row["size"], row["measure"], row["bound"])
+        == (scene, size, "absolute", "tilt per patch")
+    )
+    return f"{bound * 128 / 122:.3f}"
+
+
+def covers(group: Group, scene: str) -> bool:
+    """Return whether the interval of tilt / balance contains the thesis's ratio."""
+    value, variance, _ = group.ratio(scene, "tilt")
+    half = 1.96 * value * variance**0.5
+    return abs(SCENES[scene].equal_samples - value) <= half
+
+
+def table_4_1() -> list[str]:
+    """Return Table 4.1: errors, ratios and seconds of both set-ups.
+
+    Where points are independent and errors fall as 1 / time, error times CPU seconds is
+    the error in equal time.
+    """
+    rows = []
+    for (name, about), group in itertools.product(SCENES.items(), groups()):
+        mse = group.mse(name)
+        if np.isnan(mse):
+            continue
+        seconds = group.seconds(name, "balance")
+        slower = group.seconds(name, "tilt") / seconds
+        in_time = group.ratio(name, "tilt")[0] * slower
+        rows.append(
+            [
+                about.title,
+                size_of(group, name),
+                f"{mse:.2e} ({times(mse / about.mse)})",
+                f"{group.cell(name, 'tilt')} ({about.equal_samples:.3f})",
+                "yes" if covers(group, name) else "no",
+                best_tilts(group, name),
+                f"{in_time:.3f} ({about.equal_time:.3f})",
+                f"{seconds:.0f} {slower - 1:+.0%}"
+                f" ({about.seconds} {about.overhead:+.0%})",
+                group.cell(name, "tilt", "clipped"),
+                group.cell(name, "shares"),
+            ]
+        )
+    return table(
+        "| scene | set-up, side length, seeds | MSE of balance (over the thesis's) |"
+        " tilt / balance (the thesis's) | covered | best tilts / balance |"
+        " × CPU time (equal time) | seconds | tilt / balance, clipped |"
+        " shares / balance |",
+        rows,
+    )
+
+
+def table_of_scores() -> list[str]:
+    """Return scores, and what a score is worth: that of no effect at all, and that of
+    the thesis's other row, in equal time, whose samples are 119 in place of 122."""
+    equal_time = [about.equal_time * 119 / 122 for about in SCENES.values()]
+    rows = [
+        ["no effect: ratios of 1", f"{scores(np.ones(4)):.3f}", "", ""],
+        [
+            "thesis, equal time × 119 / 122",
+            f"{scores(np.array(equal_time)):.3f}",
+            "",
+            "",
+        ],
     ]
-    lines.append(f"| {' | '.join(cells)} |")
-publish(
-    "table 4.1",
-    "| scene | set-up, side length, seeds | MSE of balance (over the thesis's) |"
-    " tilt / balance (the thesis's) | covered | × CPU time (equal time) |"
-    " seconds | tilt / balance, clipped | shares / balance |",
-    lines,
-)
+    for group in groups():
+        if not np.isnan([group.mse(scene, "shares") for scene in SCENES]).any():
+            compared = ["tilt"], ["shares"], ["tilt", "shares"]
+            rows.append([size_of(group, "tt"), *(group.score(*r) for r in compared)])
+    return table("| ratios | tilt | shares | tilt minus shares |", rows)
 
-# %%
-# Scores, and what a score is worth: that of no effect at all, and that of the thesis's
-# own other row, in equal time, whose samples are 119 in place of 122.
-equal_time = np.array([about.equal_time for about in SCENES.values()]) * 119 / 122
-lines = [
-    f"| no effect: ratios of 1 | {scores(np.ones(4)):.3f} | | |",
-    f"| thesis, equal time × 119 / 122 | {scores(equal_time):.3f} | | |",
-]
-for group in MAIN:
-    if not np.isnan([group.mse(scene, "shares") for scene in SCENES]).any():
-        cells = [group.score(*r) for r in (["tilt"], ["shares"], ["tilt", "shares"])]
-        lines.append(f"| {size_of(group, 'tt')} | {' | '.join(cells)} |")
-publish("score", "| ratios | tilt | shares | tilt minus shares |", lines)
 
-# %%
-# From one set-up to the other: errors of the balance heuristic over the thesis's.
 STEPS = {
     "independent": (Group("independent"), "balance"),
     "numbers of the file": (Group("file"), "balance"),
@@ -260,36 +292,98 @@ STEPS = {
     "nearest, original meshes": (Group("nearest", 4, "original"), "balance"),
     "nearest, power heuristic": (Group("nearest"), "power"),
 }
-lines = []
-for label, (group, rule) in STEPS.items():
-    cells = []
-    for name, about in SCENES.items():
-        both = [group.mse(name, rule, m) / about.mse for m in MEASURES]
-        cell = f"{times(both[0])} ({times(both[1])})"
-        cells.append("–" if np.isnan(both[0]) else cell)
-    if set(cells) != {"–"}:
-        lines.append(f"| {label} | {' | '.join(cells)} |")
-publish("set-ups", f"| set-up | {TITLES} |", lines)
+"""Set-ups from one to the other, and a rule."""
 
-# %%
-# Other choices where the thesis is silent, with independent points, of equal seeds.
-lines = []
-choices = [row for row in RESULTS if row["rule"] not in OWN_ROWS]
-seeds = 1 + max((int(row["seed"]) for row in choices), default=0)
-group = Group("independent", below=seeds)
-for rule in ("tilt", *dict.fromkeys(row["rule"] for row in choices)):
-    cells = " | ".join(group.cell(scene, rule) for scene in SCENES)
-    score = group.score(rule).split()[0]
-    lines.append(f"| {rule.replace('tilt', 'as shipped')} | {cells} | {score} |")
-publish("choices", f"| choice | {TITLES} | score |", lines)
 
-# %%
-# The same car with and without the sun in its sky, and what adds to both errors.
-lines = [f"| {' | '.join(row.values())} |" for row in read(TABLES / "sun.csv")]
-head = "| scene | MSE of balance | tilt / balance | shares / balance |"
-publish("sun", head, lines)
-lines = []
-for row in read(TABLES / "floors.csv"):
-    cells = [f"{row[r]} ± {row[f'{r} half']}" for r in ("tilt", "shares")]
-    lines.append(f"| {row['scene']} | {row['mse']} | {' | '.join(cells)} |")
-publish("floors", head, lines)
+def set_ups() -> list[str]:
+    """Return errors of the balance heuristic over the thesis's by set-up."""
+    rows = []
+    for label, (group, rule) in STEPS.items():
+        cells = []
+        for name, about in SCENES.items():
+            both = [group.mse(name, rule, m) / about.mse for m in MEASURES]
+            cell = f"{times(both[0])} ({times(both[1])})"
+            cells.append("–" if np.isnan(both[0]) else cell)
+        if set(cells) != {"–"}:
+            rows.append([label, *cells])
+    return table(f"| set-up | {TITLES} |", rows)
+
+
+def choices() -> list[str]:
+    """Return ratios and scores of other choices where the thesis is silent, with
+    independent points, of equal seeds."""
+    others = [row for row in measured() if row["rule"] not in OWN_ROWS]
+    seeds = 1 + max((int(row["seed"]) for row in others), default=0)
+    group = Group("independent", below=seeds)
+    rows = []
+    for rule in ("tilt", *dict.fromkeys(row["rule"] for row in others)):
+        cells = (group.cell(scene, rule) for scene in SCENES)
+        label = rule.replace("tilt", "as shipped")
+        rows.append([label, *cells, group.score(rule).split()[0]])
+    label = "1 seed" if seeds == 1 else f"{seeds} seeds"
+    return table(f"| choice, {label} | {TITLES} | score |", rows)
+
+
+def sun() -> list[str]:
+    """Return the results of the same car with and without the sun in its sky."""
+    rows = [
+        [
+            row["scene"],
+            row["mse"],
+            f"{row['tilt']} ({row['tilt low']} – {row['tilt high']})",
+            f"{row['shares']} ± {row['shares half']}",
+        ]
+        for row in read(TABLES / "sun.csv")
+    ]
+    return table("| scene | MSE of balance | tilt / balance | shares / balance |", rows)
+
+
+def floors() -> list[str]:
+    """Return errors without a texture, and with a splatted Gaussian."""
+    rows = []
+    for row in read(TABLES / "floors.csv"):
+        cells = [f"{row[r]} ± {row[f'{r} half']}" for r in ("tilt", "shares")]
+        rows.append([row["scene"], row["mse"], *cells])
+    return table("| scene | MSE of balance | tilt / balance | shares / balance |", rows)
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the blocks."""
+    return {
+        "reproduction.md: table 4.1": table_4_1(),
+        "reproduction.md: score": table_of_scores(),
+        "reproduction.md: set-ups": set_ups(),
+        "reproduction.md: floors": floors(),
+        "reproduction.md: choices": choices(),
+        "reproduction.md: sun": sun(),
+    }
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return the fragments of prose with numbers."""
+    independent, nearest = Full("independent", 1), Group("nearest")
+    far = {name: independent.mse(name) / about.mse for name, about in SCENES.items()}
+    near = [nearest.mse(name) / about.mse for name, about in SCENES.items()]
+    rms = independent.score("tilt").split()[0]
+    covered = [name for name in SCENES if covers(nearest, name)]
+    titles = " and ".join(SCENES[name].title for name in covered)
+    return {
+        "reproduction.md": [
+            f"{times(far['teapot-area-light'])} and {times(far['tt'])} times as large",
+            f"{times(min(near))} to {times(max(near))} times the thesis's",
+            f"off by {float(rms):.0%} in the root mean square".replace("%", " %"),
+            f"covered on {titles}",
+        ]
+    }
+
+
+if __name__ == "__main__":
+    opts, given = options(
+        __file__,
+        "tables of the reproduction",
+        page={"type": Path, "help": "gets the tables between its marks"},
+    )
+    for block, lines in tables().items():
+        print("", *lines, sep="\n", flush=True)
+        if given.page is not None:
+            replace_table(given.page, block.partition(": ")[2], *lines)
