@@ -23,7 +23,7 @@ RULES = {
 # %%
 # The oracle of each scene, at half of the usual size; and the shares of the rules,
 # which need their pilots only. Skies are not compensated: shares are learned for them.
-figure, axes = print_canvas(2 + len(RULES), 4, 6.2, width_ratios=[1, 1.33, 1.33, 1.8])
+figure, axes = print_canvas(2 + len(RULES), 4, 5.4, width_ratios=[1, 1.33, 1.33, 1.8])
 captions = []
 for column, name in zip(axes.T, SCENES, strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
@@ -43,12 +43,16 @@ for column, name in zip(axes.T, SCENES, strict=True):
         harm, error = oracle.harm(weight)
         saving = saving_text(oracle.saving(weight))
         style = {"cmap": "magma", "vmin": 0, "vmax": 1}
-        text = f"{saving}, harm {harm:.0%}"
+        text = f"{saving}\nharm {harm:.0%}"
         regret = plot.heat(axis, oracle.regret(weight), text, covered, **style)
         sentence.append(f"{title}: {saving}, harm in {harm:.1%} ± {error:.1%}")
     captions.append("; ".join(sentence))
     print(captions[-1], flush=True)
-for axis, label in zip(axes[:, 0], ("image", "best shares", *RULES), strict=True):
+for axis, label in zip(
+    axes[:, 0],
+    ("image", "best shares", "thesis:\nweigh=samples", "second-moment"),
+    strict=True,
+):
     axis.set_ylabel(label)
 plot.weight_bar(figure, shown, axes[:2], shrink=0.8)
 figure.colorbar(regret, ax=axes[2:], label="regret / V(½)", shrink=0.8)
