@@ -3,8 +3,8 @@ Speed, and what was to be reached
 =================================
 
 How fast the renderer is on the scenes that come with dmis, beside the floor, the time in Embree; where the
-time goes; two threads; memory; start-up. Prints each target and whether it is met. Rows go to docs/tables/speed.csv,
-speed-targets.csv and speed-parts.csv, which docs/performance.md is made of. Takes ten minutes on an idle machine.
+time goes; two threads; memory; start-up. Prints each target and whether it is met. Rows go to docs/tables/speed.csv
+and speed-targets.csv, which docs/performance.md is made of. Takes ten minutes on an idle machine.
 
 Exits with 1 if a ratio misses its target by more than a fifth. Absolute times depend on the machine: they are reported.
 """
@@ -30,7 +30,7 @@ sys.path.insert(0, str(ROOT / "examples"))
 from common import SCENES, show
 from rows import read_rows, write_rows
 
-SPEEDS, TARGETS, PARTS = (ROOT / "docs" / "tables" / f"speed{part}.csv" for part in ("", "-targets", "-parts"))
+SPEEDS, TARGETS = (ROOT / "docs" / "tables" / f"speed{part}.csv" for part in ("", "-targets"))
 SLACK = 1.2
 """A ratio may miss its target by this factor before it counts as a failure."""
 TIME_PARTS = {
@@ -173,7 +173,7 @@ def starting(repeats: int) -> Iterator[Target]:
         yield Target(name, value, limit, " s", ratio=False)
 
 
-def write(speeds: list[Speed], targets: list[Target], parts: dict[tuple[str, str], dict[str, float]]) -> None:
+def write(speeds: list[Speed], targets: list[Target]) -> None:
     """Write the rows."""
     renders = [
         {"scene": s.scene, "rule": s.rule, "samples": s.samples, "rays": sum(s.rays.values())}
@@ -185,12 +185,6 @@ def write(speeds: list[Speed], targets: list[Target], parts: dict[tuple[str, str
     write_rows(
         TARGETS, [asdict(target) | {"value": f"{target.value:.5g}"} for target in targets], list(asdict(targets[0]))
     )
-    shares = [
-        {"scene": scene, "rule": rule, "part": part, "share": f"{share:.4f}"}
-        for (scene, rule), of_render in parts.items()
-        for part, share in of_render.items()
-    ]
-    write_rows(PARTS, shares, list(shares[0]))
 
 
 def read_speeds() -> list[Speed]:
@@ -227,23 +221,6 @@ def tables() -> dict[str, list[str]]:
     }
 
 
-def sentences() -> dict[str, list[str]]:
-    """Return fragments of prose with numbers, by page."""
-    shares: dict[str, list[float]] = {}
-    for row in read_rows(PARTS):
-        shares.setdefault(row["part"], []).append(float(row["share"]))
-    return {
-        "performance.md": [
-            f"{words} {100 * min(shares[part]):.0f} to {100 * max(shares[part]):.0f} %"
-            for part, words in (
-                ("embree", "Embree takes"),
-                ("shading", "shading"),
-                ("random numbers", "random numbers"),
-            )
-        ]
-    }
-
-
 def main() -> int:
     """Measure, print, and write rows."""
     parser = argparse.ArgumentParser(description="speed beside the Embree floor, and the targets")
@@ -257,7 +234,9 @@ def main() -> int:
         progress=show("bench"),
     )  # fmt: skip
     print(HEADER, *(speed.row() for speed in speeds), sep="\n")
-    parts = {(s.scene, s.rule): time_by_part(s.scene, s.rule, (342, 256), given.spp) for s in speeds}
+    for s in speeds:
+        parts = time_by_part(s.scene, s.rule, (342, 256), given.spp)
+        print(f"{s.scene}, {s.rule}:", ", ".join(f"{part} {share:.0%}" for part, share in parts.items()), flush=True)
     targets = []
     for group in (
         floors(speeds),
@@ -270,7 +249,7 @@ def main() -> int:
         for target in group:
             print(target.row(), flush=True)
             targets.append(target)
-    write(speeds, targets, parts)
+    write(speeds, targets)
     failed = [target for target in targets if target.ratio and target.miss > SLACK]
     for target in failed:
         print(f"missed by more than {SLACK - 1:.0%}: {target.name}", file=sys.stderr)

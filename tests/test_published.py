@@ -38,7 +38,7 @@ OTHER_FILES = {
 }
 """Files of docs that are no piece, and why."""
 NOT_MADE = """
-cluster error-time mis-bench-validated mitsuba-errors mitsuba-paths mitsuba-speed pattern-harm simplex speed
+cluster error-time mis-bench-validated mitsuba-errors mitsuba-speed simplex
 """.split()
 """Pieces whose rows are not committed yet."""
 BY_HAND = {
