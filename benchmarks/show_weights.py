@@ -291,7 +291,7 @@ def sentences() -> dict[str, list[str]]:
         "what-weights-save.md": [
             "save {} on killeroo-diffuse, {} on veach-mis, {} on the teapot, {} on tt".format(*tilts),
             f"save {100 * shares[0]:.0f} to {100 * shares[-1]:.0f} %, {saved(of('share per patch'))} in geometric mean",
-            f"one for the image {saved(of('one share'))}.",
+            f"one share for the image saves {saved(of('one share'))}.",
             f"**Numbers of samples** save {saved(of('counts'))};",
             "from {} to {} on the teapot and from {} to {} on killeroo-diffuse".format(*edges),
             "best shares save {} instead of {}, and {} instead of {}.".format(*best),
