@@ -1,11 +1,11 @@
-"""Exercise 1 (easy): mirror the directions of a batch.
+"""Exercise 1 (easy): reflect the directions of a batch.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 1 mine.py``.
 """
 
 
 def mirror(wo, n):
-    """Return the directions `wo` mirrored at the normals `n`, ``(3, N)``.
+    """Return the directions `wo` reflected about the normals `n`, ``(3, N)``.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Exercise 2 (medium): the density of a point on a light, per solid angle.
 
 A point on a light of area A is picked uniformly, so its density is 1 / A per area. The
-estimator needs it per solid angle: multiply by r^2 / cos. Here r is the distance
-from p to x, and cos is that of the angle between the light's normal and the
-direction from x to p.
+estimator needs the density per solid angle: multiply by r^2 / cos. Here r is the
+distance from p to x, and cos the cosine between the light's normal and the direction
+from x to p.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 2 mine.py``.
 """

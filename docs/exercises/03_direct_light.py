@@ -1,7 +1,7 @@
 """Exercise 3 (hard): direct light, one light sample for each point.
 
-A matte surface has the BRDF albedo / pi. Nothing stands between point and light. An
-estimate is f / p: BRDF times radiance times cosine, over the density per solid
+A matte surface has the BRDF albedo / pi. The light is visible from every point. An
+estimate is f / p: BRDF times radiance times cosine, divided by the density per solid
 angle.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 3 mine.py``.

@@ -5,9 +5,9 @@ Copy this file to mine.py, and check it: ``python docs/exercises/checks 4 mine.p
 
 
 def mean_and_error(samples):
-    """Return the mean of samples, and the standard error of this mean, two ``(...)``.
+    """Return the mean of the samples and its standard error, two arrays ``(...)``.
 
-    The squared error must be unbiased, also for n = 2.
+    The square of the standard error must be unbiased, even for n = 2.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Exercise 6 (hard): merge the moments of two parts.
 
-A renderer sees its samples in blocks and keeps none of them. It keeps (n, mean, m2):
-their number, their mean, and the sum of their squared deviations from the mean.
+A renderer processes its samples in blocks and stores only (n, mean, m2): the number of
+samples, their mean, and the sum of their squared deviations from the mean.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 6 mine.py``.
 """
@@ -10,7 +10,7 @@ Copy this file to mine.py, and check it: ``python docs/exercises/checks 6 mine.p
 def merge(a, b):
     """Return (n, mean, m2) of the samples of both parts.
 
-    The result must be exact to rounding, also where the mean is far larger than the
+    The result must be exact up to rounding, even if the mean is far larger than the
     deviations.
 
     Parameters

@@ -1,7 +1,7 @@
 """Exercise 7 (easy): a density without variance.
 
-The desk lamp of tutorial 2 brings cos t from the directions inside of its cone, and
-nothing from the others. A density in proportion to that has no variance.
+The integrand for the desk lamp of tutorial 2 is cos t inside the lamp's cone, and 0
+outside. With a density in proportion to the integrand, the variance is 0.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 7 mine.py``.
 """
@@ -21,7 +21,7 @@ def sample(u, half_angle):
     half_angle
         T, the half angle of the cone in radians.
     """
-    return square_to_cone(u, np.float32(1 - np.cos(half_angle)))  # even: it has noise
+    return square_to_cone(u, np.float32(1 - np.cos(half_angle)))  # uniform: noisy
 
 
 def pdf(cos, half_angle):

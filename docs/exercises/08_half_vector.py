@@ -1,8 +1,8 @@
-"""Exercise 8 (medium): directions that are mirrored at half vectors.
+"""Exercise 8 (medium): directions that are reflected about half vectors.
 
-Microfacet lobes pick a half vector h about the normal, here with Blinn's density
-p_h = (e + 1) / (2 pi) |cos|^e, and mirror wo at it. The density of the mirrored
-direction is another one, because mirroring stretches solid angles.
+Microfacet lobes pick a half vector h around the normal, here with Blinn's density
+p_h = (e + 1) / (2 pi) |cos|^e, and reflect wo about h. The density of the reflected
+direction is different, because the reflection stretches solid angles.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 8 mine.py``.
 """
@@ -12,10 +12,10 @@ from dmis.samplers.warp import power_pdf, square_to_power
 
 
 def sample(wo, u, exponent):
-    """Return `wo` ``(3, N)`` mirrored at half vectors, ``(3, N)``; the normal is +z.
+    """Return `wo` ``(3, N)`` reflected about half vectors; the normal is +z.
 
-    ``square_to_power(u, exponent)`` has half vectors of the density p_h. Directions
-    below the horizon stay as they are.
+    ``square_to_power(u, exponent)`` returns half vectors with the density p_h. Keep
+    directions below the horizon.
     """
     h = square_to_power(u, exponent)
     return 2 * dot(wo, h) * h - wo

@@ -1,8 +1,8 @@
 """Exercise 9 (hard): points of a table in proportion to its values.
 
-A sky is a table of luminance. Its bright texels deserve most samples: pick a row in
-proportion to its sum, a texel of this row in proportion to its value, and a point
-evenly in this texel. Two uniform numbers are enough for all of that.
+A sky is a table of luminance. Bright texels need most samples: pick a row in proportion
+to its sum, a texel of this row in proportion to its value, and a uniform point in this
+texel. Two uniform numbers are enough.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 9 mine.py``.
 """
@@ -21,4 +21,4 @@ def sample_table(table, u):
     u
         Uniform numbers in [0, 1), ``(2, N)``.
     """
-    return u, np.ones(u.shape[1])  # even: right as a density, but not in proportion
+    return u, np.ones(u.shape[1])  # uniform: a valid density, but not in proportion

@@ -10,10 +10,10 @@ def estimate(f_l, p_ll, p_bl, f_b, p_lb, p_bb):
     Parameters
     ----------
     f_l, p_ll, p_bl
-        At n_l light samples each: the integrand, the density of light sampling and
-        that of BRDF sampling, ``(n_l, N)``.
+        Integrand, density of light sampling and density of BRDF sampling at n_l light
+        samples, ``(n_l, N)``.
     f_b, p_lb, p_bb
         The same at n_b BRDF samples, ``(n_b, N)``.
     """
-    # the mean of both techniques by themselves: unbiased, but as noisy as the worse one
+    # the mean of two separate estimates: unbiased, but dominated by the noisier one
     return ((f_l / p_ll).mean(axis=0) + (f_b / p_bb).mean(axis=0)) / 2

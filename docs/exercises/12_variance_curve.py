@@ -1,9 +1,9 @@
 """Exercise 12 (hard): the variance as a function of the share.
 
-Fixed numbers of samples, a part w of them light samples, are combined by the balance
-heuristic. Derive N times the variance of their mean: each technique has a mean of its
-own, m_l and m_b, and its samples vary about that. The starter has the variance for
-techniques that are drawn by lot.
+Take fixed numbers of samples, with a share w of light samples, and the balance
+heuristic. Derive N times the variance of their mean: the samples of each technique vary
+around their own mean, m_l or m_b. The starter computes the variance for techniques that
+are chosen at random.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 12 mine.py``.
 """
@@ -23,4 +23,4 @@ def variance_curve(f, p_l, p_b, dx, w):
     """
     p_w = w[:, None] * p_l + (1 - w[:, None]) * p_b
     m_2 = (f**2 / p_w).sum(axis=1) * dx
-    return m_2 - (np.sum(f) * dx) ** 2  # wrong: this is for techniques drawn by lot
+    return m_2 - (np.sum(f) * dx) ** 2  # wrong: this is for random techniques

@@ -1,10 +1,10 @@
 """Exercise 13 (easy): the minimum of a parabola through three variances.
 
-Equation (14) of the theory page has the minimum. Three things may go wrong:
+Equation (14) of the theory page is the minimum. There are three special cases:
 
-* The minimum is outside of [0, 1]: take the nearer end.
-* The parabola has no minimum: take the best of the three shares.
-* All three variances are equal: take 1/2.
+* If the minimum is outside [0, 1], take the nearer end.
+* If the parabola has no minimum, take the best of the three shares.
+* If all three variances are equal, take 1/2.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 13 mine.py``.
 """

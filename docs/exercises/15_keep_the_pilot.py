@@ -1,7 +1,7 @@
 """Exercise 15 (hard): keep the samples of the pilot in the image.
 
-The pilot's samples are unbiased, and thrown away they are lost. The starter weighs
-both means by their own estimated variances. That looks wise, and is wrong.
+The pilot's samples are unbiased, so they may improve the image. The starter weights
+both means by their estimated variances. This seems sensible, but is wrong.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 15 mine.py``.
 """
@@ -15,8 +15,8 @@ def combine(pilot, final):
     Parameters
     ----------
     pilot, final
-        Samples of the two passes, ``(n_pilot, N)`` and ``(n_final, N)``. A sample of
-        either has the same mean, and about the same variance.
+        Samples of the two passes, ``(n_pilot, N)`` and ``(n_final, N)``. Samples of
+        both passes have the same mean, and about the same variance.
     """
     a, b = (1 / (x.var(axis=0, ddof=1) / len(x) + 1e-9) for x in (pilot, final))
     return np.asarray(a * pilot.mean(axis=0) + b * final.mean(axis=0)) / (a + b)

@@ -12,11 +12,11 @@ def chance_of_no_hit(p, samples):
     p
         Probability that one sample hits, ``(K,)``; it may be as small as 1e-12.
     samples
-        Their number n, ``(K,)``.
+        Number of samples n, ``(K,)``.
     """
     raise NotImplementedError
 
 
 def samples_needed(p, chance):
-    """Return the least n whose chance of no hit is at most `chance`."""
+    """Return the least n for which the probability of no hit is at most `chance`."""
     raise NotImplementedError

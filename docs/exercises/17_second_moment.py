@@ -1,7 +1,8 @@
 """Exercise 17 (medium): the second moment at every share, from one pilot.
 
-The pilot has w = 1/2, so its samples come from q = (p_l + p_b) / 2. What would they
-count at another share w, and how often would they be drawn? Express p_w / q by w and d.
+The pilot has w = 1/2, so its samples have the density q = (p_l + p_b) / 2. What would a
+sample count at another share w, and how often would it occur? Express p_w / q by w and
+d.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 17 mine.py``.
 """
@@ -17,6 +18,6 @@ def second_moment(x, d, w):
     x, d
         X = f / q and d = (p_l - p_b) / (p_l + p_b) of the pilot's samples, ``(n,)``.
     w
-        Shares from 0 to 1, ``(G,)``. Where p_w is 0 and X is 0, a sample counts 0.
+        Shares from 0 to 1, ``(G,)``. If p_w and X are 0, a sample counts 0.
     """
     return np.full(len(w), (x**2).mean())  # right for w = 1/2 only

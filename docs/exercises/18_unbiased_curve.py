@@ -1,9 +1,9 @@
 """Exercise 18 (hard): an unbiased curve of variances.
 
-With fixed numbers of samples the two techniques are two groups: exercise 12 has the
-variance of a sample at the share w. Estimate it for every w from the n light and the n
-BRDF samples of one pilot at w = 1/2, without bias. What do the samples of a group say
-about f / p_w within their own technique?
+Exercise 12 derives the variance of a sample at the share w, for fixed numbers of
+samples of both techniques. Estimate this variance for every w, without bias, from the n
+light and the n BRDF samples of one pilot at w = 1/2. Which mean of f / p_w do the
+samples of one technique estimate?
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 18 mine.py``.
 """
@@ -25,4 +25,4 @@ def variance_curve(x_l, d_l, x_b, d_b, w):
     """
     x, d = np.concatenate([x_l, x_b]), np.concatenate([d_l, d_b])
     y = x / (1 + (2 * w[:, None] - 1) * d)
-    return y.var(axis=1)  # wrong: one group in place of two, and biased for few samples
+    return y.var(axis=1)  # wrong: mixes both techniques, and is biased for few samples

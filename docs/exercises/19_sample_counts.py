@@ -1,7 +1,7 @@
 """Exercise 19 (easy): which pixels deserve more samples?
 
-The error of the image is the sum of V / n over its pixels, its price the sum of n C.
-Equation (20) of the theory page has the best n.
+The error of the image is the sum of V / n over its pixels, its cost the sum of n C.
+Equation (20) of the theory page is the best n.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 19 mine.py``.
 """
@@ -10,13 +10,13 @@ import numpy as np
 
 
 def sample_counts(variance, cost, budget):
-    """Return numbers of samples (not rounded) whose cost is the budget, ``(H, W)``.
+    """Return numbers of samples (not rounded) with the cost `budget`, ``(H, W)``.
 
     Parameters
     ----------
     variance, cost
         Variance and cost of a sample of each pixel, above 0, ``(H, W)``.
     budget
-        The sum of n times cost that is allowed.
+        Allowed sum of n times cost.
     """
-    return np.full(variance.shape, budget / cost.sum())  # even: not the best
+    return np.full(variance.shape, budget / cost.sum())  # equal: not the best

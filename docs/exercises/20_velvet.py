@@ -1,8 +1,8 @@
-"""Exercise 20 (medium): a lobe with a density of its own.
+"""Exercise 20 (medium): a better density for a lobe.
 
 Tutorial 6 samples velvet like a matte surface, by cos / pi. But velvet is bright
-where the cosine is small. Write a density that fits better: its relative variance of
-f cos / p must be 0.3 or less (cos / pi has 1.4, a uniform density 0.37). Two uniform
+where the cosine is small. Write a density that fits better: the relative variance of
+f cos / p must be at most 0.3 (cos / pi has 1.4, a uniform density 0.37). Two uniform
 numbers and the inverse of a simple distribution function are enough.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 20 mine.py``.

@@ -1,10 +1,10 @@
 """Exercise 21 (hard): a rule that beats the balance heuristic.
 
-Your rule renders two scenes of 64 by 36 pixels with 32 samples per pixel, its pilot
-included: the teapot below its lamp, where light samples are better, and the car under
-its sky (``tt-overcast``), where BRDF samples are. On each its error over that of
-``balance`` must be below 0.85, with the whole 95 % interval, and its image must be
-unbiased. No constant share does that, so ``fit`` has to learn from the pilot.
+Your rule renders two scenes of 64 by 36 pixels with 32 samples per pixel, including the
+pilot. On the teapot below its lamp light samples are better, on the car under its sky
+(``tt-overcast``) BRDF samples. On both scenes the whole 95 % interval of the error over
+that of ``balance`` must be below 0.85, and the image must be unbiased. No constant
+share achieves this, so ``fit`` must learn from the pilot.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 21 mine.py``.
 """
@@ -16,7 +16,7 @@ import dmis
 
 @dataclass(frozen=True)
 class Mine(dmis.Rule):
-    """Half light samples everywhere: replace it. ``Mine()`` is what is rendered."""
+    """Half light samples everywhere: replace this. The check renders ``Mine()``."""
 
     pilot = {0.0: 2, 1.0: 2}  # camera samples by share
     settings = {"reuse_pilot": False}
@@ -24,7 +24,7 @@ class Mine(dmis.Rule):
     def fit(self, pilot):
         """Return a `dmis.Fit` with a share of light samples for each pixel.
 
-        ``pilot[w].moments`` has mean and ``variance()`` of each pixel, ``(H, W, 3)``.
+        ``pilot[w].moments`` has ``mean`` and ``variance()``, ``(H, W, 3)``.
         """
         return dmis.Fit(0.5)
 

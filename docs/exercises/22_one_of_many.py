@@ -1,7 +1,7 @@
 """Exercise 22 (easy): the density with one of several lamps.
 
-A light sample picks lamp k with the probability q_k, then a point of it evenly. Return
-the density per solid angle of directions, whichever technique drew them.
+A light sample picks lamp k with the probability q_k, then a uniform point on this lamp.
+Return the density per solid angle of directions from either technique.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 22 mine.py``.
 """
@@ -10,17 +10,17 @@ import numpy as np
 
 
 def light_density(met, distance, cos_l, area, q):
-    """Return p_l, ``(N,)``; 0 where no lamp is met, or its dark side.
+    """Return p_l, ``(N,)``; 0 if the ray hits no lamp, or its dark side.
 
     Parameters
     ----------
     met
-        Number of the lamp that the ray in each direction meets, ``(N,)``; -1: none.
+        Number of the lamp that each ray hits, or -1, ``(N,)``.
     distance, cos_l
-        To the lamp, and cosine at the lamp between its normal and the way back,
-        negative on its dark side, ``(N,)``. Where no lamp is met they are 0.
+        Distance to the lamp, and cosine between its normal and the way back to the
+        point, negative on the dark side, ``(N,)``. Both are 0 if the ray hits no lamp.
     area, q
         Area and probability of each lamp, ``(L,)``; the probabilities sum to 1.
     """
     density = distance**2 / (area[met] * np.maximum(cos_l, 1e-9))
-    return np.where(met >= 0, density, 0)  # wrong: that of one lamp alone
+    return np.where(met >= 0, density, 0)  # wrong: the density for one lamp alone

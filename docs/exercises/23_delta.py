@@ -1,7 +1,7 @@
-"""Exercise 23 (medium): weights where some samples come from mirrors.
+"""Exercise 23 (medium): weights if some samples come from mirrors.
 
-Each row is a sample of a surface that may have a mirror's lobe. Return what it adds to
-the pixel: with the balance heuristic, one sample of each technique.
+Each row is a sample of a surface that may have a mirror's lobe. Return the contribution
+of each row with the balance heuristic, for one sample of each technique.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 23 mine.py``.
 """
@@ -15,13 +15,13 @@ def contribution(f, p_l, p_b, by_brdf, mirrored):
     Parameters
     ----------
     f
-        Of rows that a mirror sent: reflectance times radiance, what the ray brings. Of
-        all others: BRDF times radiance times cosine, not divided by a density.
+        For rays from a mirror: reflectance times radiance. For all others: BRDF times
+        radiance times cosine, not divided by a density.
     p_l, p_b
-        Densities of both techniques in the row's direction. p_b is 0 where a mirror
-        sent the ray; p_l is not, if it meets a lamp. Both are 0 where nothing is drawn.
+        Densities of both techniques in the row's direction. For rays from a mirror p_b
+        is 0, but p_l is not if the ray hits a lamp. Both are 0 if nothing was drawn.
     by_brdf, mirrored
-        Whether the BRDF drew the direction, and whether its mirror did, bool.
+        Whether the BRDF drew the direction, and whether its mirror did; bool.
     """
     weight = np.where(by_brdf, p_b, p_l) / np.maximum(p_l + p_b, 1e-12)
     p = np.where(by_brdf, p_b, p_l)

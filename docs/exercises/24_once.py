@@ -1,7 +1,8 @@
 """Exercise 24 (hard): the radiance of paths, each light once.
 
-At each surface of a path, light samples and BRDF samples have gathered what lamps send
-there. The path's own next ray may meet a lamp, too. Add up what counts.
+At each surface of a path, light samples and BRDF samples estimate the direct light. The
+next ray of the path may also hit a lamp. Add up the path's radiance without counting
+light twice.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 24 mine.py``.
 """
@@ -15,14 +16,14 @@ def radiance(gathered, emitted, factor, mirrored):
     Parameters
     ----------
     gathered
-        Direct light that both techniques gathered at each surface, ``(D, N)``.
+        Direct light at each surface, from both techniques together, ``(D, N)``.
     emitted
-        Light that each surface itself sends back along the path, ``(D, N)``.
+        Light that each surface itself emits back along the path, ``(D, N)``.
     factor
-        f cos / p of the step from each surface to the next one, ``(D, N)``; 0 where the
-        path ended.
+        f cos / p of the step from each surface to the next one, ``(D, N)``; 0 after the
+        end of the path.
     mirrored
-        Whether a mirror sent this step, bool ``(D, N)``. Mirrors gather nothing.
+        Whether a mirror reflected this step, bool ``(D, N)``; there `gathered` is 0.
     """
     total, throughput = np.zeros_like(gathered[0]), np.ones_like(gathered[0])
     for k in range(len(gathered)):

@@ -7,17 +7,17 @@ After this tutorial you can
 * name the five steps of direct lighting, and say what each of them computes;
 * write the estimator of light and BRDF samples with the balance heuristic;
 * work on whole arrays of rays in NumPy, and know their shapes;
-* test an image against another one, pixel by pixel.
+* test whether two images agree, pixel by pixel.
 
-A renderer in NumPy does not follow one ray after the other. It follows a *batch*: all
-rays of an image at once. Each step is a few operations on whole arrays. This tutorial
-puts one batch together from the modules of dmis.
+A renderer in NumPy processes a *batch*: all rays of an image at once. Each step is a
+few operations on whole arrays. This tutorial builds one batch with the modules of dmis.
 
-Five words come up here, and tutorials 1 to 3 explain why they matter. An *estimate* is
-a random number whose mean is the integral that we want. A *density* says how often a
+This tutorial uses five terms; tutorials 1 to 3 explain why they matter. An *estimate*
+is a random number whose mean is the integral that we want. A *density* says how often a
 random direction is picked: the probability per solid angle. A *technique* is a way to
-pick directions; it has a density. The *variance* of an estimate is its mean squared
-distance from its mean. The *standard error* is the root of the variance of a mean.
+pick directions, with its own density. The *variance* of an estimate is its mean squared
+distance from its mean. The *standard error* is the square root of the variance of a
+mean.
 """
 
 import os
@@ -44,7 +44,7 @@ RESOLUTION = (96, 72) if QUICK else (320, 240)
 # %%
 # The scene
 # ---------
-# A ball lies on a floor, under a square light. Ball and floor are made of one metal.
+# A ball lies on a floor, under a square light. Ball and floor are of the same metal.
 #
 # A mesh has ``vertices`` ``(V, 3)`` and ``faces`` ``(F, 3)``. A face is a triangle: the
 # numbers of its three corners. A *lobe* is a part of a BRDF. This metal has a single
@@ -61,11 +61,12 @@ camera = dmis.Camera.look_at((0, -6, 3), (0, 0, -0.3), fov=36, resolution=RESOLU
 # The batch: camera samples
 # -------------------------
 # A pixel is the mean over *camera samples*: rays through random points of the pixel.
-# Here it has 16 of them. The batch is all camera samples of all pixels, N in number.
+# Here a pixel has 16 of them. The batch contains the N camera samples of all pixels.
 #
-# A number for each ray is an array ``(N,)``. A vector for each ray is an array
-# ``(3, N)``: its rows are all x, all y and all z. So NumPy works on long contiguous
-# rows. ``draw`` returns two uniform numbers in [0, 1) for each ray, ``(2, N)``.
+# One number per ray is an array ``(N,)``. One vector per ray is an array ``(3, N)``,
+# with all x in the first row, all y in the second, all z in the third. So NumPy works
+# on long contiguous rows. ``draw`` returns two uniform numbers in [0, 1) for each ray,
+# ``(2, N)``.
 width, height = camera.resolution
 spp, pixels = 16, width * height
 pixel = np.tile(np.arange(pixels), spp)
@@ -81,8 +82,9 @@ origin = np.broadcast_to(camera.origin, direction.shape)
 # %%
 # Hits
 # ----
-# Embree finds the first triangle on each ray. ``prim`` is its number, or -1 where there
-# is none. From here on the batch is the M rays that hit something.
+# Embree finds the first triangle on each ray. ``prim`` is the number of the triangle,
+# or -1 if the ray hits nothing. From here on the batch contains only the M rays that
+# hit a triangle.
 intersector = Intersector(mesh.vertices, mesh.faces)
 hits = intersector.closest(origin, direction)
 hit = np.flatnonzero(hits.prim >= 0)
@@ -90,13 +92,13 @@ hit = np.flatnonzero(hits.prim >= 0)
 # %%
 # Shading points
 # --------------
-# A *shading point* is what a lobe needs to know of a hit. It has the unit normal
-# :math:`n`, the unit direction :math:`\omega_o` to the viewer, and tangents. The normal
-# of a triangle with the corners a, b, c is along :math:`(b - a) \times (c - a)`. It is
-# turned to the viewer's side.
+# A *shading point* is the data of a hit for a lobe: the unit normal :math:`n`, the unit
+# direction :math:`\omega_o` to the viewer, and tangents. The normal of a triangle with
+# the corners a, b, c is along :math:`(b - a) \times (c - a)`, or opposite, so that it
+# points to the viewer's side.
 #
-# The point p is moved off the surface by a little. Otherwise its shadow ray would meet
-# the triangle that it starts from.
+# The point p is moved slightly off the surface. Otherwise its shadow ray would hit the
+# triangle from which the ray starts.
 corners = mesh.vertices[mesh.faces[hits.prim[hit]]].astype(np.float32)  # (M, 3, 3)
 a, b, c = np.moveaxis(corners, 0, -1)  # (3, M) each
 wo = -direction[:, hit]
@@ -108,8 +110,8 @@ points = SimpleNamespace(n=n, wo=wo, cos_o=dot(n, wo), tangents=frame(n))
 # %%
 # A light sample and a BRDF sample
 # --------------------------------
-# How much light does a point reflect towards the viewer? It is an integral over the
-# directions :math:`\omega_i`, and its integrand is
+# How much light does a point reflect towards the viewer? The answer is an integral over
+# the directions :math:`\omega_i`, with the integrand
 #
 # .. math::
 #
@@ -119,11 +121,12 @@ points = SimpleNamespace(n=n, wo=wo, cos_o=dot(n, wo), tangents=frame(n))
 # BRDF times radiance times cosine times visibility.
 #
 # Two techniques pick a direction for each point. *Light sampling* aims at a random
-# point of the light. *BRDF sampling* follows the lobe, and then looks what of the light
-# this direction meets. Both return the same: directions ``wi`` ``(3, M)``,
-# ``distance``, ``radiance``, whether the light is met (``emits``), and ``pdf``. The
-# latter is the density with which light sampling picks this direction. On a light of
-# area A, at the distance r, with the angle :math:`\theta_l` at the light, it is
+# point of the light. *BRDF sampling* draws a direction from the lobe, and then tests
+# whether this direction hits the light. Both return directions ``wi`` ``(3, M)``,
+# ``distance``, ``radiance``, ``emits`` (true if the direction hits the light), and
+# ``pdf``. The last is the density with which light sampling picks this direction. On a
+# light of area A, at the distance r, with the angle :math:`\theta_l` at the light, this
+# density is
 #
 # .. math::
 #
@@ -136,10 +139,9 @@ brdf_sample = light.hit(p, lobe.sample(points, sampler.draw("brdf", hit)))
 # %%
 # The balance heuristic
 # ---------------------
-# Let w be the share of light samples. Here it is 1/2. The balance heuristic is
-# a rule to weigh samples of two techniques: it treats every sample as if its direction
-# had been picked by both, each as often as its share says. This is the density
-# :math:`p_w` of the *mixture*:
+# Let w be the share of light samples, here 1/2. The balance heuristic is a rule to
+# weight samples of two techniques. It treats every sample as if its direction came from
+# a *mixture* of both techniques, with the density :math:`p_w`:
 #
 # .. math::
 #
@@ -147,11 +149,11 @@ brdf_sample = light.hit(p, lobe.sample(points, sampler.draw("brdf", hit)))
 #    \qquad p_w = w\, p_l + (1 - w)\, p_b
 #
 # S is the number of samples, and :math:`p_l` and :math:`p_b` are the densities of the
-# two techniques in the same direction. `balance` takes the terms of the sum
+# two techniques in the same direction. The function `balance` takes the two terms of
 # :math:`p_w` and returns :math:`1 / p_w`.
 #
-# A *shadow ray* from p to the light says whether V is 0 or 1. It ends just before the
-# light.
+# A *shadow ray* from p to the light decides whether V is 0 or 1. It ends just before
+# the light.
 w = 0.5
 terms = []
 for technique, sample in enumerate((light_sample, brdf_sample)):
@@ -166,18 +168,18 @@ for technique, sample in enumerate((light_sample, brdf_sample)):
 # %%
 # The mean
 # --------
-# A camera sample is the mean of its two shading samples. A pixel is the mean of its
-# camera samples. Rays that hit nothing are black.
+# The value of a camera sample is the mean of its two shading samples. The value of a
+# pixel is the mean of its camera samples. Rays that hit nothing are black.
 L = np.zeros((3, len(pixel)), np.float32)
 L[:, hit] = (terms[0] + terms[1]) / 2
 samples = L.reshape(3, spp, height, width)
 image = np.moveaxis(samples.mean(axis=1), 0, -1)  # (height, width, 3)
 
 # %%
-# Four arrays of the batch are images, too, as means over the camera samples of a pixel.
-# They are the normals, the share of light samples that reach the light, and
-# :math:`f / p_w` of either technique. Light sampling finds the light everywhere. BRDF
-# sampling finds it where the lobe points at it.
+# Four arrays of the batch, averaged over the camera samples of each pixel, make images:
+# the normals, the share of light samples that reach the light, and :math:`f / p_w` of
+# each technique. Light sampling finds the light from every point. BRDF sampling finds
+# the light only where the lobe points at it.
 reached = np.broadcast_to(np.any(terms[0] > 0, axis=0), n.shape)
 arrays = (n + 1) / 2, reached, terms[0] / 2, terms[1] / 2
 titles = "normals", "light reached", "light samples, half", "BRDF samples, half"
@@ -192,16 +194,15 @@ for axis, values, title in zip(axes.flat, arrays, titles, strict=True):
 # Is it right?
 # ------------
 # `dmis.render` computes the same integral with its own random numbers. So the two
-# images must differ by their noise and by nothing else. Their difference over its
-# standard error is
+# images may differ only by noise. Their difference over its standard error is
 #
 # .. math::
 #
 #    z = \frac{x - y}{\sqrt{\sigma_x^2 + \sigma_y^2}}
 #
-# With many samples z is normal, and above 2 or below -2 in 4.6 % of the pixels. With 16
-# samples it is nearly so. The z of the mean of the whole image is between -3 and 3 in
-# 99.7 % of such tests.
+# With many samples z is normally distributed: :math:`|z| > 2` in 4.6 % of the pixels.
+# With 16 samples this is nearly true. The z of the mean of the whole image is between
+# -3 and 3 in 99.7 % of such tests.
 material = dmis.Material((lobe,), "metal")
 scene = dmis.Scene(camera, (dmis.Part(mesh, material),), (light,))
 result = dmis.render(scene, "balance", spp, seed=2, sampler="independent")
@@ -219,22 +220,22 @@ shown = plot.heat(axes[2], z, title, cmap="RdBu", vmin=-4, vmax=4)
 figure.colorbar(shown, ax=axes[2], label="z")
 
 # %%
-# That is the whole of direct lighting. The page "The estimator in sixty lines" does it
-# for any scene. The next tutorials are about its noise.
+# This is all of direct lighting. The page "The estimator in sixty lines" has code for
+# any scene. The next tutorials are about the noise.
 #
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
 # the file, and check it with ``python docs/exercises/checks N FILE``.
 #
-# 1. *Easy.* Mirror the directions of a batch (``01_mirror.py``).
+# 1. *Easy.* Reflect the directions of a batch about normals (``01_mirror.py``).
 # 2. *Medium.* Write the density of a point on a light per solid angle
 #    (``02_light_density.py``).
 # 3. *Hard.* Write direct light with one light sample for each point
 #    (``03_direct_light.py``).
 #
-# To think about: take w = 0.9 in :math:`p_w`, and still one sample of each technique.
-# What does the test say, and why? Leave out V: where does z show it? Take
-# ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
+# To think about: set w = 0.9 in :math:`p_w`, but keep one sample of each technique.
+# What does the test say, and why? Leave out V: in which pixels does z show the error?
+# Use ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
 for path in plot.show("0_one_batch"):
     print(path)

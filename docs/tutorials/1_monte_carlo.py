@@ -6,12 +6,12 @@ After this tutorial you can
 
 * write a Monte Carlo estimate of an integral, and say why it is unbiased;
 * predict how its variance falls with the number of samples;
-* estimate the variance from the samples themselves, and say what two of them tell;
+* estimate the variance from the samples, and say how noisy this estimate is;
 * measure the error of an image against a reference, with an interval.
 
-The light that a pixel receives is an integral, and hardly any of these can be solved by
-formula. Monte Carlo integration estimates it: look in random directions, and average
-what you see. The error of such an estimate is the noise in an image.
+The light that a pixel receives is an integral, and few such integrals have a formula.
+Monte Carlo integration estimates the integral: it averages the light from random
+directions. The error of the estimate is the noise in an image.
 """
 
 import os
@@ -31,18 +31,17 @@ RESOLUTION = (80, 80) if QUICK else (320, 320)
 # An integral as an average
 # -------------------------
 # How much light arrives at a desk below a round lamp? Let t be the angle of a direction
-# from upright, and T the half angle of the cone that the lamp fills. The radiance is 1
-# inside of this cone and 0 outside. So the desk receives
+# from the vertical, and T the half angle of the cone that the lamp fills. The radiance
+# is 1 inside this cone and 0 outside. So the desk receives
 #
 # .. math::
 #
 #    I = \int_{\mathrm{cone}} \cos t \,\mathrm{d}\omega
 #      = 2 \pi \int_{\cos T}^{1} u \,\mathrm{d}u = \pi \sin^2 T
 #
-# with :math:`u = \cos t`. If directions are uniform over the hemisphere, u is a uniform
-# random number between 0 and 1. Their density is :math:`1 / 2 \pi` per solid
-# angle. The Monte Carlo estimate from n directions is the mean of integrand over
-# density:
+# with :math:`u = \cos t`. If directions are uniform over the hemisphere, their density
+# is :math:`1 / 2 \pi` per solid angle, and u is uniform in [0, 1). The Monte Carlo
+# estimate from n directions is the mean of the integrand divided by the density:
 #
 # .. math::
 #
@@ -69,17 +68,17 @@ for n, values in estimates.items():
     print(f"{n:5d} directions: mean {values.mean():.4f}, variance {values.var():.6f}")
 
 # %%
-# The estimates are right on average, however few directions they use. This is what
-# *unbiased* means: :math:`\mathrm{E}[\hat I] = I`. What changes is their *variance*,
-# the mean of their squared distance from I:
+# The estimates are right on average, however few directions they use. They are
+# *unbiased*: :math:`\mathrm{E}[\hat I] = I`. But their *variance*, the mean of their
+# squared distance from I, depends on n:
 #
 # .. math::
 #
 #    \mathrm{Var}[\hat I] = \frac{1}{n}
 #    \left( \int \frac{f^2}{p} \,\mathrm{d}\omega - I^2 \right)
 #
-# Four times as many directions leave a quarter of it. On logarithmic axes that is a
-# line with the slope -1. Does the measurement agree?
+# With four times as many directions the variance falls to a quarter. On logarithmic
+# axes this is a line with the slope -1. Does the measurement agree?
 variances = np.array([values.var() for values in estimates.values()])
 fit, covariance = np.polyfit(np.log(counts), np.log(variances), 1, cov=True)
 half = 2.78 * np.sqrt(covariance[0, 0])  # Student's t for 6 points less 2 parameters
@@ -100,33 +99,34 @@ right.legend()
 # %%
 # Variance, from the samples themselves
 # -------------------------------------
-# In practice nobody knows I. But the spread of the samples tells their variance:
+# In practice I is unknown. But the samples themselves give an estimate of their
+# variance:
 #
 # .. math::
 #
 #    s^2 = \frac{1}{n - 1} \sum_{i=1}^{n} (X_i - \hat I)^2, \qquad
 #    \mathrm{E}[s^2] = \mathrm{Var}[X]
 #
-# The standard error of the mean is then :math:`s / \sqrt{n}`. The interval
-# :math:`\hat I \pm 1.96\, s / \sqrt{n}` holds the truth in about 95 % of all cases, if
-# n is large. `dmis.variance.moments.Moments` keeps n, the mean and the sum of squared
-# deviations. It can merge parts in any order.
+# The standard error of the mean is then :math:`s / \sqrt{n}`. If n is large, the
+# interval :math:`\hat I \pm 1.96\, s / \sqrt{n}` contains I in about 95 % of all cases.
+# The class `dmis.variance.moments.Moments` stores n, the mean and the sum of squared
+# deviations, and merges parts in any order.
 for n in (2, 16, 1024):
     values = Moments.of(samples_of(n, 20_000)).variance()
     print(f"{n:4d} samples: variance {values.mean():.3f}, spread {values.std():.3f}")
 
 # %%
-# Also from two samples the estimate is right on average. But its spread is twice the
-# variance itself. Remember this for tutorial 5.
+# Even from two samples the estimate of the variance is right on average. But its spread
+# is twice the variance itself. Tutorial 5 shows the consequences.
 #
 # The same in an image
 # --------------------
-# The scene ``teapot-area-light`` is a pot under a round lamp. The rule ``uniform`` is
-# the method from above: uniform directions at each point. Each pixel is an estimate
-# of its own, and neighbours differ: that is the noise.
+# The scene ``teapot-area-light`` is a pot under a round lamp. The rule ``uniform``
+# samples uniform directions at each point, as above. The estimates of neighbouring
+# pixels have different errors, which we see as noise.
 #
-# The formulas of this tutorial are for independent samples. So we name the sampler: the
-# default has low-discrepancy points.
+# The formulas of this tutorial are for independent samples, so the code sets the
+# sampler. The default sampler uses low-discrepancy points.
 scene = dmis.load_scene("teapot-area-light", resolution=RESOLUTION)
 images = {
     n: dmis.render(scene, "uniform", n, seed=1, sampler="independent")
@@ -139,19 +139,19 @@ for axis, (n, result) in zip(axes, images.items(), strict=True):
 # %%
 # How large is the error?
 # -----------------------
-# A `dmis.Reference` has two independent images :math:`r_1` and :math:`r_2` with many
-# samples. With two of them the noise of the reference cancels on average:
+# A `dmis.Reference` contains two independent images :math:`r_1` and :math:`r_2` with
+# many samples, so the noise of the reference cancels on average:
 #
 # .. math::
 #
 #    \mathrm{E}[(x - r_1)(x - r_2)] = \mathrm{E}[(x - r)^2]
 #
-# with the exact r. The mean of that over the image is its *mean squared error*. A
-# reference is kept on disk, so the next run finds it there.
+# where r is exact. The mean of this product over the image is the *mean squared error*
+# of the image x. The reference is saved on disk for the next run.
 #
 # The mean squared error of an unbiased image is its mean variance. So the renderer's
-# own estimate, `Result.variance`, has to agree with the measured error. Their ratio
-# must be 1, within its 95 % interval.
+# own estimate, `Result.variance`, must agree with the measured error: the 95 % interval
+# of their ratio should contain 1.
 reference = dmis.make_reference(scene, 32)
 for n, result in images.items():
     measured = squared_error(result.image, reference.first, reference.second)
@@ -163,10 +163,10 @@ for n, result in images.items():
     )
 
 # %%
-# The error falls to a quarter each time, and the renderer knows it from its samples
-# alone. But that is slow. The eye sees the root of the variance: half of the noise
-# takes four times as many samples. Or find better samples, with less variance each. The
-# other tutorials are about these.
+# With four times the samples the error falls to a quarter, and the renderer's own
+# estimate agrees. But this is slow. The eye sees the square root of the variance, so
+# half of the noise needs four times as many samples. Better samples have less variance
+# each. The other tutorials are about such samples.
 #
 # Exercises
 # ---------
@@ -178,8 +178,8 @@ for n, result in images.items():
 #    (``05_lamp_variance.py``).
 # 6. *Hard.* Merge the moments of two parts, without loss of digits (``06_merge.py``).
 #
-# To think about: make the lamp smaller. The variance over the squared integral grows;
-# how fast? Render with ``sampler="sobol"``: is the error lower, and does
-# `Result.variance` know?
+# To think about: make the lamp smaller. How fast does the variance over the squared
+# integral grow? Render with ``sampler="sobol"``: is the error lower, and does
+# `Result.variance` agree?
 for path in plot.show("1_monte_carlo"):
     print(path)

@@ -5,12 +5,12 @@ r"""
 After this tutorial you can
 
 * pick directions with a density, and divide by it;
-* say which density has the least variance, and why it is out of reach;
+* say which density has the least variance, and why no renderer knows this density;
 * use light sampling and BRDF sampling, and predict where each of them fails;
 * compare two techniques plate by plate, with intervals.
 
-Uniform directions mostly meet nothing. Importance sampling picks them with a density
-that is like the integrand. In a renderer the integrand is a product: light times
+Uniform directions mostly miss the light. Importance sampling picks directions with a
+density similar to the integrand. In a renderer the integrand is a product, light times
 reflection. Good densities are known for each factor alone.
 """
 
@@ -46,17 +46,17 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 #    \mathrm{Var}[\hat I] = \frac{1}{n}
 #    \left( \int \frac{f^2}{p} \,\mathrm{d}\omega - I^2 \right)
 #
-# The estimate is unbiased with each of them. Only its variance differs.
+# The estimate is unbiased with each such density. Only its variance differs.
 #
-# Take the desk lamp of tutorial 1 again: f is :math:`\cos t` inside of the lamp's cone
-# and 0 outside. Its half angle is T. Here are three densities per solid angle:
+# Take the desk lamp of tutorial 1 again: f is :math:`\cos t` inside the lamp's cone of
+# half angle T, and 0 outside. Here are three densities per solid angle:
 #
 # * *uniform*, over the hemisphere: :math:`1 / 2 \pi`;
-# * *BRDF*, as a matte surface reflects: :math:`\cos t / \pi`;
+# * *BRDF*, in proportion to the cosine: :math:`\cos t / \pi`;
 # * *light*, uniform in the lamp's cone: :math:`1 / (2 \pi (1 - \cos T))`.
 #
-# ``dmis.samplers.warp`` has the maps from pairs of uniform numbers to directions
-# ``(3, N)``, z up, and the densities.
+# ``dmis.samplers.warp`` contains the maps from pairs of uniform numbers to directions
+# ``(3, N)``, with z up, and the densities.
 half_angle = np.radians(25)
 exact = np.pi * np.sin(half_angle) ** 2
 u = np.random.default_rng(1).random((2, 100_000), dtype=np.float32)
@@ -79,12 +79,13 @@ for name, (z, density) in ways.items():
     )
 
 # %%
-# All three intervals hold the exact value. What differs is their width. With the BRDF's
-# density, f / p is :math:`\pi` or 0. With the light's density it is nearly constant.
+# All three intervals contain the exact value, but their widths differ. With the BRDF's
+# density, f / p is :math:`\pi` or 0. With the light's density, f / p is nearly
+# constant.
 #
-# A density in exact proportion to f has no variance at all: f / p is the same for all
-# directions. But it is :math:`p = f / I`, so one has to know the integral to divide by
-# it.
+# With a density in exact proportion to f, the variance is 0: f / p is the same for all
+# directions. But this density is :math:`p = f / I`, which contains the unknown
+# integral.
 #
 # Two techniques in the renderer
 # ------------------------------
@@ -93,8 +94,8 @@ for name, (z, density) in ways.items():
 # light samples.
 #
 # The scene ``veach-mis`` is a classic of Veach and Guibas (1995). Four metal plates
-# mirror four lamps. The plates are smooth at the back and rough in front. The lamps are
-# small at the left and large at the right; all send out the same power.
+# reflect four lamps. The plates are smooth at the back and rough in front. The lamps
+# are small at the left and large at the right; all emit the same power.
 scene = dmis.load_scene("veach-mis", resolution=RESOLUTION)
 brdf = dmis.render(scene, "fixed:0", 16, seed=1, sampler="independent")
 light = dmis.render(scene, "fixed:1", 16, seed=1, sampler="independent")
@@ -105,17 +106,17 @@ plot.picture(axes[1], light.image, "light sampling, w = 1")
 # %%
 # Follow one lamp down the plates, and one plate across the lamps.
 #
-# BRDF sampling is good for large lamps in smooth plates: all reflected directions meet
-# the lamp. Of small lamps it sees sparks.
+# BRDF sampling is good for large lamps in smooth plates: all reflected directions hit
+# the lamp. Small lamps show only as sparks.
 #
-# Light sampling is good for small lamps, for rough plates and for walls. But of all
-# points of a large lamp only a few are where a smooth plate reflects. These few count
-# very much, and their density is low: :math:`f / p_l` is large and rare.
+# Light sampling is good for small lamps, for rough plates and for walls. But a smooth
+# plate reflects only a few points of a large lamp to the viewer. These points have a
+# large f at a low density, so large values of :math:`f / p_l` are rare.
 #
 # Who is better where?
 # --------------------
-# Each pixel has an estimate of its variance. It is noisy, so we take the mean over
-# patches of 8 by 8 pixels.
+# Each pixel has an estimate of its variance. This estimate is noisy, so we take the
+# mean over patches of 8 by 8 pixels.
 patch = 4 if QUICK else 8
 variance = [patch_mean(luminance(result.variance), patch) for result in (brdf, light)]
 logarithm = np.log10((variance[0] + 1e-9) / (variance[1] + 1e-9))
@@ -126,14 +127,16 @@ shown = plot.heat(axis, logarithm, title, window, cmap="RdBu", vmin=-3, vmax=3)
 figure.colorbar(shown, ax=axis, label="log₁₀ of variance, BRDF / light")
 
 # %%
-# Neither wins everywhere. Smooth and large is red; rough or small is blue.
+# Neither technique wins everywhere. Smooth plates with large lamps are red; rough
+# plates and small lamps are blue.
 #
-# Do not believe the dark red patches at the left and around the reflections. There BRDF
-# sampling found no light at all, and samples that are all zero have no variance.
+# The dark red patches at the left and around the reflections are wrong. There BRDF
+# sampling found no light at all, and the variance of samples that are all zero is 0.
 # Tutorial 5 is about this trap.
 #
-# Errors against a reference are not fooled. Here is the ratio of the mean squared
-# errors where each plate mirrors each lamp, with its 95 % interval.
+# Errors against a reference avoid the trap. Here is the ratio of the mean squared
+# errors for each plate and lamp, in the region of the reflection, with its 95 %
+# interval.
 reference = dmis.make_reference(scene, 16)
 errors = [
     squared_error(result.image, reference.first, reference.second)
@@ -154,22 +157,22 @@ for exponent, y in rows.items():
     print(f"{exponent:<18}" + "".join(f"{cell:22}" for cell in cells).rstrip())
 
 # %%
-# The ratio goes over several powers of ten in one image. A renderer that had to choose
-# one technique for all of it would be bad somewhere in any case. Tutorial 3 takes both.
+# The ratios in one image span several powers of ten. A renderer with only one technique
+# would be bad somewhere in the image. Tutorial 3 combines both.
 #
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
 # the file, and check it with ``python docs/exercises/checks N FILE``.
 #
-# 7. *Easy.* Write the map and the density without variance for the desk lamp
+# 7. *Easy.* Write the zero-variance density of the desk lamp, and its sampling
 #    (``07_no_variance.py``).
-# 8. *Medium.* Write the density of directions that are mirrored at half vectors
+# 8. *Medium.* Write the density of directions reflected about half vectors
 #    (``08_half_vector.py``).
 # 9. *Hard.* Sample a sky: points of a table in proportion to its values
 #    (``09_sky.py``).
 #
-# To think about: make the BRDF's density 0 for half of the directions, and leave out
-# these samples. What is the mean now? When may a density be zero?
+# To think about: make the BRDF's density 0 for half of the directions, and drop these
+# samples. What is the mean now? Where may a density be zero?
 for path in plot.show("2_importance_sampling"):
     print(path)

@@ -6,12 +6,12 @@ After this tutorial you can
 
 * combine the samples of two techniques without bias;
 * write the balance heuristic, and compare it with others;
-* say what Veach's theorem promises, and what it leaves open;
+* say what Veach's theorem bounds, and what it leaves open;
 * measure how the variance depends on the share of light samples.
 
-Light sampling fails on smooth plates, BRDF sampling on small lamps. Multiple importance
-sampling (MIS) takes samples of both. It gives each sample a weight. The weight is small
-where the other technique would have found the same direction more easily.
+Light sampling fails on smooth plates, BRDF sampling with small lamps. Multiple
+importance sampling (MIS) takes samples of both techniques and gives each sample a
+weight. The weight is small if the other technique finds the same direction more easily.
 """
 
 import os
@@ -30,9 +30,9 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 # %%
 # Weights
 # -------
-# Take :math:`n_l` samples of the density :math:`p_l` and :math:`n_b` of :math:`p_b`. In
-# each direction choose two weights with :math:`W_l + W_b = 1`, so that nothing is
-# counted twice. Then the sum over both is unbiased (Veach and Guibas 1995):
+# Draw :math:`n_l` samples with the density :math:`p_l` and :math:`n_b` samples with
+# :math:`p_b`. In each direction choose two weights with :math:`W_l + W_b = 1`, so that
+# light counts only once. Then this sum is unbiased (Veach and Guibas 1995):
 #
 # .. math::
 #
@@ -41,8 +41,8 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 #
 # A weight must be 0 where its technique has density 0.
 #
-# Let :math:`w = n_l / N` be the share of light samples, of N in all. The *balance
-# heuristic* is
+# Let :math:`w = n_l / N` be the share of light samples among all N samples. The
+# *balance heuristic* is
 #
 # .. math::
 #
@@ -51,9 +51,10 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 #
 # Every sample counts as if it had been drawn from the mixture of both densities.
 #
-# Other heuristics decide more sharply. The power heuristic squares the terms. The
-# cutoff heuristic drops a term that is below a tenth of the larger one. The maximum
-# heuristic takes the larger one alone. Here they are for two densities on a line.
+# Other heuristics prefer the larger density more strongly. The power heuristic squares
+# the terms :math:`w\, p_l` and :math:`(1 - w)\, p_b`. The cutoff heuristic drops a term
+# below a tenth of the larger one. The maximum heuristic takes only the larger one. Here
+# are the weights for two densities on a line.
 x = np.linspace(-1, 1, 401, dtype=np.float32)
 p_l = np.exp(-0.5 * (x / 0.1) ** 2) / (0.1 * np.sqrt(2 * np.pi))
 p_b = np.exp(-0.5 * (x / 0.4) ** 2) / (0.4 * np.sqrt(2 * np.pi))
@@ -80,8 +81,9 @@ for axis in (left, right):
 # %%
 # One light and one BRDF sample
 # -----------------------------
-# The rule ``balance`` takes one of each with every camera sample, so w = 1/2. It is the
-# baseline of every comparison in dmis. Compare this picture with the two of tutorial 2.
+# With the rule ``balance`` every camera sample takes one light and one BRDF sample, so
+# w = 1/2. This rule is the baseline of all comparisons in dmis. Compare its picture
+# with the two pictures of tutorial 2.
 scene = dmis.load_scene("veach-mis", resolution=RESOLUTION)
 reference = dmis.make_reference(scene, 16)
 
@@ -97,10 +99,10 @@ figure, axis = plt.subplots(figsize=(8, 6), layout="constrained")
 plot.picture(axis, result.image, "one light + one BRDF sample, balance heuristic")
 
 # %%
-# What does each technique bring? Veach showed it by plates: the light samples' part of
-# the image, :math:`W_l f / p_l`, and the BRDF samples', :math:`W_b f / p_b`. The image
-# is their sum. The third plate has the part of light sampling in false colours: blue
-# where the light samples bring all, red where the BRDF samples do.
+# What does each technique contribute? The image is a sum of two images: of the light
+# samples, :math:`W_l f / p_l`, and of the BRDF samples, :math:`W_b f / p_b`. The third
+# picture shows the fraction of the light samples' image in false colours: blue where
+# light samples contribute everything, red where BRDF samples do.
 table = dmis.samples(scene, spp=16, seed=1, sampler="independent")
 light, brdf = (table.rows(table.technique == k).radiance().mean(axis=0) for k in (0, 1))
 figure, axes = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained")
@@ -115,9 +117,10 @@ shown = plot.heat(
 figure.colorbar(shown, ax=axes[2], label="0: BRDF samples only, 1: light samples only")
 
 # %%
-# The image is good wherever one of the two techniques is good. Here are the errors with
-# as many samples, over that of ``balance``, with 95 % intervals. Only the part below
-# the lamps counts: at the lamps' edges no choice of directions matters.
+# The image is good wherever one of the two techniques is good. Here are errors at equal
+# samples over the error of ``balance``, with 95 % intervals. We compare only the part
+# of the image below the lamps, because at the lamps' edges no choice of directions
+# matters.
 scale = RESOLUTION[0] / 480
 below = slice(int(60 * scale), None)
 rules = (
@@ -130,24 +133,24 @@ for rule in rules:
     print(f"{rule:27} error over that of balance {value:6.2f} ± {width:.2f}")
 
 # %%
-# Either technique alone loses by far. The power heuristic (``pbrt``) and ``cutoff``
-# differ little from balance; ``maximum`` is worse. A theorem of Veach's bounds one side
-# of this: for the same samples, no *non-negative* weights have a variance that is lower
-# than that of balance by more than
+# Each technique alone loses by far. The power heuristic (``pbrt``) and ``cutoff``
+# differ little from balance; ``maximum`` is worse. Veach's theorem bounds the possible
+# gain: for the same samples, other *non-negative* weights lower the variance of the
+# balance heuristic by at most
 #
 # .. math::
 #
 #    \left( \frac{1}{\min(n_l, n_b)} - \frac{1}{N} \right) I^2
 #
-# It does not bound how much worse other weights are. (Weights below 0 may gain more:
-# the combiner ``optimal`` has such.)
+# Other weights can be arbitrarily worse. (Negative weights may gain more; the combiner
+# ``optimal`` uses them.)
 #
-# ``one-sample`` draws lots for the technique of each sample. It shows that *fixed*
-# numbers of samples are worth something by themselves.
+# ``one-sample`` chooses the technique of each sample at random. Its larger error shows
+# that *fixed* numbers of samples reduce the variance.
 #
 # How many of each?
 # -----------------
-# The theorem says nothing about w. With the balance heuristic and fixed numbers, the
+# The theorem takes w as given. With the balance heuristic and fixed numbers, the
 # variance of the mean of N samples is
 #
 # .. math::
@@ -156,8 +159,8 @@ for rule in rules:
 #    \qquad p_w = w\, p_l + (1 - w)\, p_b
 #
 # D is the difference between the means of :math:`f / p_w` over light and over BRDF
-# samples. Here is the measured error for several shares, at three places of the image,
-# over that at w = 1/2.
+# samples. Here is the measured error over the error at w = 1/2, for several shares at
+# three places of the image.
 shares = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 known = {0: "fixed:0", 0.5: "balance", 1: "fixed:1"}
 maps = [errors[known[w]] if w in known else errors_of(f"fixed:{w}") for w in shares]
@@ -182,11 +185,11 @@ axis.set_ylabel("error / error at w = 1/2")
 axis.legend()
 
 # %%
-# w = 1/2 never fails, but at two of these places a better share leaves a fifth of its
-# error. On the smooth plate nearly all samples should be BRDF samples, on the third
-# plate nearly all light samples. The right share is different in each part of the
-# image, and nobody can tell it beforehand. But a few samples, spent in advance, could
-# find it out. This is the idea of the thesis.
+# The share w = 1/2 never fails, but at two of these places a better share has only a
+# fifth of the error. On the smooth plate nearly all samples should be BRDF samples, on
+# the third plate nearly all light samples. The best share is different in each part of
+# the image and unknown before rendering. But a few samples, spent in advance, can
+# estimate it. This is the idea of the thesis.
 #
 # Exercises
 # ---------
@@ -199,8 +202,7 @@ axis.legend()
 # 12. *Hard.* Write V(w) for fixed numbers of samples (``12_variance_curve.py``).
 #
 # To think about: why are w = 0 and w = 1 dangerous? Look at :math:`f / p_w` where
-# :math:`p_b` is 0, or nearly so. The combiner ``optimal`` (Kondapaneni et al. 2019)
-# fits f by both densities and needs many samples: from which number on does it pay
-# here?
+# :math:`p_b` is close to 0. The combiner ``optimal`` (Kondapaneni et al. 2019) fits f
+# by both densities and needs many samples: from how many samples on is it better here?
 for path in plot.show("3_mis"):
     print(path)

@@ -9,10 +9,9 @@ After this tutorial you can
 * test that a rule's image is unbiased;
 * compare two rules at equal samples, with an interval over seeds.
 
-How much light samples should count against BRDF samples is different in each part of an
-image. Seo's thesis (KAIST, 2014) spends 6 of 128 samples on finding it. This tutorial
-does the same step by step. Each step is a call of the module that the rule ``thesis``
-calls, too.
+The best weight of light samples against BRDF samples is different in each part of an
+image. Seo's thesis (KAIST, 2014) spends 6 of 128 samples on finding this weight. This
+tutorial does the same step by step, with the functions that the rule ``thesis`` uses.
 """
 
 import os
@@ -39,12 +38,13 @@ scene = dmis.load_scene("teapot-area-light", resolution=(SIDE, SIDE))
 # %%
 # Two readings of w
 # -----------------
-# The thesis gives each part of the image a weight w, and does not say what w weighs.
-# Two readings are possible. Each dot below is one sample of four camera samples, and
-# its area is how much the sample may count. On the left, w divides the *samples*: at w
-# = 3/4 there are six light samples and two BRDF samples. On the right, w tilts the
-# *heuristic*: there are four of each, whatever w is, and w says which kind counts more.
-# The second reading comes nearer to the thesis's numbers, so this tutorial follows it.
+# The thesis gives each part of the image a weight w, but leaves open what w weighs. Two
+# readings are possible. The figure shows the shading samples of four camera samples;
+# the area of a dot is the weight of the sample. On the left, w divides the *samples*: w
+# = 3/4 means six light samples and two BRDF samples. On the right, w tilts the
+# *heuristic*: there are always four of each kind, and w decides which kind counts more.
+# This tutorial follows the second reading, because it comes nearer to the thesis's
+# numbers.
 figure, axes = plt.subplots(1, 2, figsize=(11, 2.2), layout="constrained")
 readings = {
     "w divides the samples": (np.arange(8) < 6, np.ones(8)),
@@ -61,20 +61,20 @@ for axis, (title, (is_light, area)) in zip(axes, readings.items(), strict=True):
 # %%
 # Step 1, the pilot
 # -----------------
-# A camera sample takes one light and one BRDF sample. The heuristic weighs them, with
-# the densities of the two techniques:
+# A camera sample takes one light and one BRDF sample. The heuristic weights them by the
+# densities of the two techniques:
 #
 # .. math::
 #
 #    W_l = \frac{w\, p_l}{w\, p_l + (1 - w)\, p_b}, \qquad W_b = 1 - W_l
 #
-# The pilot has two camera samples per pixel at each of the weights w = 0, 1/2 and 1.
-# They are BRDF sampling, the balance heuristic and light sampling. The rule ``fixed``
-# renders with one weight for all pixels. (``weigh=samples`` is the first reading.)
+# The pilot renders two camera samples per pixel at each of three weights: w = 0 (BRDF
+# sampling), w = 1/2 (the balance heuristic) and w = 1 (light sampling). The rule
+# ``fixed`` renders with one weight for all pixels. (``weigh=samples`` is the first
+# reading.)
 #
-# Here each of the samples is an image of its own, so that we hold the samples
-# themselves, ``(2, height, width, 3)``. The sampler is the thesis's, independent
-# points.
+# Here we render each sample as a separate image, so the array of samples is
+# ``(2, height, width, 3)``. As in the thesis, points are independent.
 weights = np.array([0, 0.5, 1])
 pilots = [
     np.stack(
@@ -99,16 +99,17 @@ for axis, samples, title in zip(axes, pilots, titles, strict=True):
 # %%
 # Step 2, the variance
 # --------------------
-# No reference is at hand. But the estimates are unbiased, and then their mean squared
-# error is their variance. It is estimated from n = 2 samples, the fewest that tell one:
+# A renderer has no reference. But the estimates are unbiased, so their mean squared
+# error equals their variance. We estimate the variance from n = 2 samples, the fewest
+# possible:
 #
 # .. math::
 #
 #    y = \frac{1}{n - 1} \sum_{i=1}^{n} (x_i - \bar x)^2
 #
-# `Moments` holds the mean and the sum of squared deviations for each pixel and channel.
-# Luminance makes one number of three channels. The mean over a patch of 8 by 8 pixels
-# makes it less noisy.
+# `Moments` stores the mean and the sum of squared deviations for each pixel and
+# channel. Luminance combines the three channels. The mean over a patch of 8 by 8 pixels
+# reduces the noise.
 moments = [Moments.of(samples) for samples in pilots]
 variances = np.stack([patch_mean(luminance(m.variance()), PATCH) for m in moments])
 print("variances by weight and patch:", variances.shape)
@@ -116,17 +117,17 @@ print("variances by weight and patch:", variances.shape)
 # %%
 # Step 3, the fit
 # ---------------
-# One parabola :math:`a_2 w^2 + a_1 w + a_0` goes through the three points (thesis, Eqs.
-# 3.2 to 3.4). With the variances :math:`y_0, y_h, y_1` at w = 0, 1/2 and 1, its minimum
-# (Eq. 3.5) is at
+# One parabola :math:`a_2 w^2 + a_1 w + a_0` passes through the three points (thesis,
+# Eqs. 3.2 to 3.4). With the variances :math:`y_0, y_h, y_1` at w = 0, 1/2 and 1, its
+# minimum (Eq. 3.5) is at
 #
 # .. math::
 #
 #    w = -\frac{a_1}{2 a_2}
 #      = \frac{3 y_0 - 4 y_h + y_1}{4 (y_0 + y_1 - 2 y_h)}
 #
-# `parabola_minimum` does that for all patches at once. It also says what it did where
-# the minimum is outside of [0, 1], or where the parabola has none.
+# `parabola_minimum` computes w for all patches at once. Its second result marks the
+# patches where the minimum is outside [0, 1], or where the parabola has no minimum.
 raw, status = parabola_minimum(weights, variances)
 row, column = raw.shape[0] * 13 // 20, raw.shape[1] * 15 // 20
 w = np.linspace(0, 1, 101)
@@ -147,9 +148,9 @@ for code, meaning in STATUS.items():
 # %%
 # Step 4, the filter
 # ------------------
-# The weights of neighbours jump, because so few samples went into each. A Gaussian over
-# 5 by 5 patches smooths them (thesis, Sec. 3.4). In blue patches light samples count
-# more, in red ones BRDF samples.
+# The weights of neighbouring patches differ strongly, because each comes from few
+# samples. A Gaussian over 5 by 5 patches smooths the weights (thesis, Sec. 3.4). In
+# blue patches light samples count more, in red patches BRDF samples.
 filtered = gaussian(raw)
 figure, axes = plt.subplots(1, 2, figsize=(11, 4.8), layout="constrained")
 window = (0, SIDE), (0, SIDE)
@@ -160,17 +161,18 @@ plot.weight_bar(figure, shown, axes, "weight w of the heuristic")
 # %%
 # Step 5, the final pass
 # ----------------------
-# Each pixel takes the weight of its patch. The rest of the budget is rendered with this
-# map. The rule `Given` takes a map, without a pilot.
+# Each pixel takes the weight of its patch, and the rest of the budget is rendered with
+# these weights. The rule `Given` renders with a given map instead of a pilot.
 weight = patch_spread(filtered, PATCH, (SIDE, SIDE))
 given = dmis.Given(weight=weight, weigh="heuristic")
 final = dmis.render(scene, given, 32 - 6, seed=6, sampler="independent")
 print(f"weight of light samples on average: {final.weight.mean():.2f}")
 
 # %%
-# The rule ``thesis`` is these steps. From the same pilot it finds the same map, bit for
-# bit. With a pilot of its own its image differs by noise alone. The z of the difference
-# of the two means says so: it is between -3 and 3 in 99.7 % of such tests.
+# The rule ``thesis`` does these steps. From the same pilot it computes the same map,
+# bit for bit. With another pilot, its image differs only by noise. To test this, the
+# code computes z for the difference of the two means; z is between -3 and 3 in 99.7 %
+# of such tests.
 rule = f"thesis:patch={PATCH}"
 pilot = {w: Pilot(m) for w, m in zip(weights.tolist(), moments, strict=True)}
 fit = dmis.make_rule(rule).fit(pilot)
@@ -183,12 +185,12 @@ print(f"z of the mean of the image: {difference / error:.2f}")
 # %%
 # Was it worth it?
 # ----------------
-# A fair comparison gives both rules the same budget, the pilot's samples included, and
-# several seeds. `measure` renders rules side by side.
+# A fair comparison gives both rules the same budget, including the pilot, and several
+# seeds. `measure` renders rules alternately.
 #
-# Much of this image's error is at the visible edge of the lamp. It is in a few pixels
-# that no choice of directions can help, and it differs so much from seed to seed that
-# it hides the rest. So we leave the lamp out: a `crop` is a part of the image, here the
+# Much of this image's error is in a few pixels at the visible edge of the lamp, where
+# no choice of directions can help. This error differs so much between seeds that it
+# hides the rest. So we leave the lamp out: a `crop` is a part of the image, here the
 # rows below the lamp.
 #
 # The ratio of the mean errors over K seeds is :math:`\bar a / \bar b`. By the delta
@@ -199,7 +201,7 @@ print(f"z of the mean of the image: {difference / error:.2f}")
 #    \frac{1}{\bar b} \sqrt{ \frac{1}{K (K - 1)} \sum_{k=1}^{K}
 #    \left( a_k - \frac{\bar a}{\bar b}\, b_k \right)^2 }
 #
-# and `ratio` makes the 95 % interval of it, with Student's t.
+# and `ratio` computes its 95 % interval, with Student's t.
 below = scene.crop((SIDE * 2 // 5, SIDE), (0, SIDE))
 reference = dmis.make_reference(below, 64)
 shares = f"thesis:weigh=samples,patch={PATCH}"
@@ -215,18 +217,18 @@ for k in (1, 2):
     print(f"    in equal CPU time {value:.2f} ± {half:.2f}")
 
 # %%
-# With ``weigh=samples`` the whole interval at equal samples is below 1. w then divides
-# the samples, and the rule has a quarter less error (with images of full size),
-# although six of its 32 samples were spent on the pilot. Its light samples need shadow
-# rays, and its pilot and fit take time; the second ratio has all of that.
+# With ``weigh=samples`` the whole interval at equal samples is below 1. When w divides
+# the samples, the error is a quarter smaller (with images of full size), although the
+# pilot took six of the 32 samples. But light samples need shadow rays, and pilot and
+# fit take time; the second ratio includes these costs.
 #
-# As the heuristic's weight w gains less, because each camera sample takes a BRDF sample
-# whatever w is. Of 32 samples that hardly pays for the six of the pilot; of the
-# thesis's 128 samples it does on this scene. So the rule may be the thesis's, and the
-# share is the better method: the page "Reproduction of the thesis" compares both.
+# As a weight of the heuristic w gains less, because every camera sample takes a BRDF
+# sample, whatever w is. With 32 samples this gain hardly pays for the six pilot
+# samples; with the thesis's 128 samples it does on this scene. The page "Reproduction
+# of the thesis" compares both readings.
 #
-# On other scenes the rule loses, also at equal samples. The next tutorial is about why
-# it loses, and what to do.
+# On other scenes the rule loses, even at equal samples. The next tutorial explains why,
+# and what helps.
 #
 # Exercises
 # ---------
@@ -240,10 +242,11 @@ for k in (1, 2):
 #     (``15_keep_the_pilot.py``).
 #
 # To play: ``python -m dmis play veach-mis -o play.html`` writes a page where you paint
-# w yourself, beside the map of this rule and the best one. Where does the rule lose?
+# w yourself, and compare it with the map of this rule and the best map. Where does the
+# rule lose?
 #
-# To think about: take ``thesis:patch=1`` and ``thesis:patch=40``. What is wrong with
-# either? Leave the filter out with ``thesis:filter=none``. Does the error say the same
-# as your eye does of the weight maps?
+# To think about: try ``thesis:patch=1`` and ``thesis:patch=40``. What is wrong with
+# each? Omit the filter with ``thesis:filter=none``. Does the error agree with your
+# impression of the weight maps?
 for path in plot.show("4_thesis"):
     print(path)

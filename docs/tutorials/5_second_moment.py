@@ -4,15 +4,14 @@ r"""
 
 After this tutorial you can
 
-* compute the chance that a pilot misses what matters;
-* say what a parabola gets wrong, and why this costs less than one would think;
+* compute the probability that a pilot misses a bright spot;
+* say where a parabola is wrong, and why this costs little;
 * estimate the variance at every share from the samples of one pilot;
 * explain why low-discrepancy points beat better shares, and when both pay.
 
 The rule of the thesis lost on two of its four scenes. Its idea is right: with exact
-variances the parabola would win. But two samples of a technique that fails do not show
-that it fails. The same samples can show much more: each of them has a value at every
-share.
+variances the parabola would win. But two samples of a bad technique often look good. A
+better estimate uses every sample to predict the variance at every share.
 """
 
 import os
@@ -35,9 +34,9 @@ rng = np.random.default_rng(1)
 # %%
 # Two samples do not see a spike
 # ------------------------------
-# A small lamp is above a matte floor. One BRDF sample in a hundred meets it and brings
-# 100; the others bring 0. The variance is 99. What do two samples say, averaged over a
-# patch of 16 pixels?
+# A small lamp is above a matte floor. One BRDF sample in a hundred hits the lamp and
+# has the value 100; the others have the value 0. So the variance is 99. What is the
+# sample variance of two samples per pixel, averaged over a patch of 16 pixels?
 hits = 100.0 * (rng.random((2, 16, 10_000)) < 0.01)
 reported = Moments.of(hits).variance().mean(axis=0)
 error = 1.96 * reported.std() / 100
@@ -45,12 +44,12 @@ print(f"mean of what 10,000 patches report: {reported.mean():.1f} ± {error:.1f}
 print(f"patches that report 0: {(reported == 0).mean():.0%}")
 
 # %%
-# They are right on average, and three of four patches report no variance at all. For a
-# parabola through three points, the technique that fails is then the best, and the
-# patch gets BRDF samples alone.
+# The estimates are right on average, but three of four patches report the variance 0.
+# Then the bad technique looks best to the parabola, and the patch gets only BRDF
+# samples.
 #
-# If a sample hits with probability p, a patch of P pixels with two samples each sees no
-# hit with probability
+# If a sample hits the lamp with probability p, all samples of a patch of P pixels miss
+# with probability
 #
 # .. math::
 #
@@ -62,9 +61,9 @@ for side in (4, 8, 16):
 # %%
 # A variance is not a parabola
 # ----------------------------
-# That costs less than one would think. The *oracle* has variance curves from many
-# samples. Here is its curve where the third plate of ``veach-mis`` mirrors the second
-# lamp. The scene is cropped below the lamps.
+# V(w) is not a parabola, but this costs little. The *oracle* computes variance curves
+# from many samples. Here is its curve where the third plate of ``veach-mis`` reflects
+# the second lamp. The image is cropped below the lamps.
 plates = dmis.load_scene("veach-mis", resolution=RESOLUTION)
 scale = RESOLUTION[0] / 480
 top = int(64 * scale)
@@ -93,14 +92,14 @@ axes[1].set_title("the same, enlarged")
 axes[0].legend()
 
 # %%
-# A variance is a sum of terms like :math:`1 / (w\, p_l + (1 - w)\, p_b)`: steep at the
-# ends, and flat between them. The parabola dips below zero although its points are
-# exact. If one end is far above the other points, its minimum is near 3/4 or 1/4,
-# wherever the best share is.
+# A variance is a sum of terms like :math:`1 / (w\, p_l + (1 - w)\, p_b)`: it is steep
+# at the ends and flat between them. The parabola dips below zero although its points
+# are exact. If one end is far above the other points, the minimum of the parabola is
+# near 3/4 or 1/4, wherever the best share is.
 #
-# But on this side of 1/2 the curve is lower than at 1/2. Where a curve falls all the
-# way (or rises), the exact parabola cannot lose. It only misses a part of the gain. The
-# page "Theory: proofs and extensions" has the proof.
+# But this minimum is on the right side of 1/2, where the curve is lower. If a curve
+# only falls or only rises, the exact parabola never loses; it only misses a part of the
+# gain. The proof is on the page "Theory: proofs and extensions".
 half = curve[HALF]
 for name, value in (
     ("at the parabola's minimum", np.interp(minimum, GRID, curve)),
@@ -111,39 +110,39 @@ for name, value in (
     print(f"variance over that at w = 1/2, {name}: {value / half:.2f}")
 
 # %%
-# So what hurts is the pilot, not the parabola.
+# So the loss comes from the pilot, not from the parabola.
 #
 # Every sample at every share
 # ---------------------------
-# Take the pilot at w = 1/2. Its samples come from the density
-# :math:`q = (p_l + p_b) / 2`, and each of them counts :math:`X = f / q`. At another
-# share, a sample in the same direction would count
+# Take the pilot at w = 1/2. Its samples have the density :math:`q = (p_l + p_b) / 2`,
+# and each sample counts :math:`X = f / q`. At another share, a sample in the same
+# direction would count
 #
 # .. math::
 #
 #    \frac{f}{p_w} = \frac{X}{m(w)}, \qquad m(w) = \frac{p_w}{q} = 1 + (2 w - 1)\, d,
 #    \qquad d = \frac{p_l - p_b}{p_l + p_b}
 #
-# and it would be drawn :math:`m(w)` times as often. So the second moment at any share
-# is a mean over the samples of this one pilot:
+# and it would occur :math:`m(w)` times as often. So the mean over the samples of this
+# one pilot estimates the second moment at any share:
 #
 # .. math::
 #
 #    M_2(w) = \int \frac{f^2}{p_w} = \mathrm{E}_q \left[ \frac{X^2}{m(w)} \right],
 #    \qquad \frac{X^2}{m(w)} \le \frac{X^2}{2 \min(w, 1 - w)}
 #
-# The bound says that at shares between 1/4 and 3/4 a term is at most twice the one at
-# w = 1/2. Towards 0 and 1 its factor has no limit, so curves are less certain there.
-# And the samples of each technique count for both: if the BRDF samples miss a lamp, the
-# light samples that hit it have :math:`p_b` there, and with it the cost of BRDF
-# sampling alone.
+# By this bound, at shares between 1/4 and 3/4 a term is at most twice the term at w =
+# 1/2. Towards 0 and 1 the bound grows without limit, so the curves are less certain
+# there. The samples of each technique inform both: if the BRDF samples miss a lamp, the
+# light samples still hit it. Their :math:`p_b` shows the variance of BRDF sampling
+# alone.
 #
-# The rule ``second-moment`` does that. It averages the *curves* of neighbours that look
-# alike, and then takes the minimum of each patch. It stays at 1/2 where the gain is not
-# sure. Here is what both rules learn from six samples, beside the oracle. (With
-# ``weigh=samples`` w of ``thesis`` is the share of light samples, too. With ``cost=no``
-# all samples count the same; otherwise the rule weighs variance against the rays of a
-# light sample.)
+# The rule ``second-moment`` uses this estimate. It averages the *curves* of similar
+# neighbouring patches, and then takes the minimum of each patch. If the gain is
+# uncertain, w stays at 1/2. The figure shows the shares that both rules learn from six
+# samples, beside the oracle's. (With ``weigh=samples``, w of ``thesis`` is also the
+# share of light samples. With ``cost=no`` all samples have the same cost; by default a
+# light sample costs more rays.)
 rules = f"thesis:weigh=samples,patch={PATCH}", "second-moment:cost=no"
 learned = {
     rule: dmis.render(plates, rule, 16, seed=1, sampler="independent").weight
@@ -169,7 +168,7 @@ print(f"best shares: {oracle.limit():.2f}")
 # In numbers
 # ----------
 # On the diffuse killeroo light sampling is nearly always better, and BRDF sampling has
-# spikes. Here are the errors at equal samples over that of ``balance``, from five
+# spikes. Here are the errors at equal samples over the error of ``balance``, from five
 # seeds.
 side = (20, 15) if QUICK else (160, 120)
 scene = dmis.load_scene("killeroo-diffuse", resolution=side)
@@ -183,22 +182,21 @@ for rule in rules[1:]:
     print(f"{rule:28} mean squared error over that of balance {value:.2f} ± {half:.2f}")
 
 # %%
-# ``second-moment`` wins. ``thesis``, here by shares, loses, although the page "The
-# thesis in short" counts this scene among its gains. There it has 128 samples and
-# larger patches; here six of only 32 samples are the pilot, so that with equal shares
-# the error would already be 32/26 = 1.23. And patches of 8 by 8 pixels miss spikes.
-# With patches of 16 by 16 it is 1.14 ± 0.05, and from 128 samples 0.95 ± 0.03.
+# ``second-moment`` wins. ``thesis`` (with shares) loses here, but gains on the page
+# "The thesis in short", with 128 samples and larger patches. Here the pilot takes six
+# of only 32 samples: even with equal shares the error would be 32/26 = 1.23. Besides,
+# patches of 8 by 8 pixels miss spikes. With patches of 16 by 16 the ratio is 1.14 ±
+# 0.05, and with 128 samples 0.95 ± 0.03.
 #
 # Why low-discrepancy points beat shares
 # --------------------------------------
-# All of this divided *independent* samples. Their error is V / n, and a better share
-# makes V smaller. Points that fill each other's gaps change the exponent. For what is
-# smooth the error may fall like :math:`n^{-2}`. It falls more slowly at edges: like
-# :math:`n^{-1.5}` or so at an edge in the pixel. At some n a better exponent wins
-# against any factor.
+# So far all samples were *independent*. Their error is V / n, and a better share
+# reduces V. Low-discrepancy points, which fill each other's gaps, change the exponent.
+# For smooth integrands the error may fall like :math:`n^{-2}`, for an edge in the pixel
+# like :math:`n^{-1.5}`. For large n a better exponent beats any constant factor.
 #
-# Here are measured errors with independent points and with Sobol points, which are the
-# default. ``auto`` also learns how many samples of each technique a pixel needs.
+# Here are measured errors with independent points and with Sobol points, the default.
+# ``auto`` also learns how many samples of each technique a pixel needs.
 spp = np.array([8, 32, 128])
 figure, axis = plt.subplots(figsize=(7, 4.6), layout="constrained")
 for rule, sampler, style in (
@@ -218,17 +216,17 @@ axis.set_ylabel("mean squared error")
 axis.legend()
 
 # %%
-# Shares still pay with such points. They then work on the part that is left: edges and
-# shadows. The page "Low-discrepancy points" says how the points are made, and the page
-# "How the learned rules work" what ``auto`` does.
+# Shares still help with such points: they reduce the remaining noise of edges and
+# shadows. The page "Low-discrepancy points" explains the points, and the page "How the
+# learned rules work" explains ``auto``.
 #
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
 # the file, and check it with ``python docs/exercises/checks N FILE``.
 #
-# 16. *Easy.* Compute the chance to miss a spike, and the samples that make it small
-#     (``16_missed.py``).
+# 16. *Easy.* Compute the probability to miss a spike, and how many samples make it
+#     small (``16_missed.py``).
 # 17. *Medium.* Estimate the second moment at every share (``17_second_moment.py``).
 # 18. *Hard.* Estimate the variance curve without bias, from two samples of each
 #     technique (``18_unbiased_curve.py``).

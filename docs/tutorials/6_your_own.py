@@ -9,8 +9,8 @@ After this tutorial you can
 * write a rule that decides how many samples each technique gets;
 * compare your rule with others, in a table with intervals.
 
-Each of these is a few lines. Each works everywhere as if it had always been there: in
-`render`, in `compare`, in plots and in tables.
+Each takes a few lines of code, and then works like a built-in one in `render`, in
+`compare`, in plots and in tables.
 """
 
 import os
@@ -40,11 +40,11 @@ folder = Path(tempfile.mkdtemp())
 # %%
 # A scene
 # -------
-# `dmis.load_mesh` reads OBJ, PLY, STL and GLB. Here we write a file first, so that
-# there is one; take your own. Lengths are those of the file. Radiance is in linear RGB.
+# `dmis.load_mesh` reads OBJ, PLY, STL and GLB. Here we first write a file; use your own
+# instead. Lengths have the unit of the file. Radiance is in linear RGB.
 #
-# A scene has a camera, parts and lights. A part is a mesh with a material. A lamp is a
-# light, and also a part that is seen: `dmis.light_part` makes it.
+# A scene has a camera, parts and lights. A part is a mesh with a material. A visible
+# lamp is a light and also a part, made by `dmis.light_part`.
 ring = trimesh.creation.torus(1, 0.4, major_sections=96, minor_sections=48)
 ground = trimesh.creation.box((6, 6, 0.1)).apply_translation((0, 0, -0.5))
 ring.export(folder / "ring.obj")
@@ -87,19 +87,21 @@ for axis, radius in zip(axes, (0.1, 0.5, 1.0), strict=True):
 # * ``pdf`` returns the density per solid angle with which the lobe is sampled;
 # * ``sample`` turns uniform numbers ``u`` ``(2, N)`` into directions ``(3, N)``.
 #
-# `Directions` has the cosines of the normal, the two directions and the half vector.
+# `Directions` computes the cosines between the normal, the two directions and the half
+# vector.
 #
-# Here is velvet: dust on the surface catches light at its edges, where the normal is
-# across the view. With :math:`\theta_o` and :math:`\theta_i`, the angles of the two
-# directions from the normal,
+# Our example is velvet: dust on the surface catches light at the rim of an object,
+# where the view direction grazes the surface. Let :math:`\theta_o` and :math:`\theta_i`
+# be the angles of the two directions from the normal. Then
 #
 # .. math::
 #
 #    f_r = \frac{\rho}{\pi} (1 - \cos\theta_o)^2 (1 - \cos\theta_i)^2, \qquad
 #    p_b = \frac{\cos\theta_i}{\pi}
 #
-# The density is that of a matte surface. To draw from it, take a point on the unit
-# sphere that touches the surface from above: the direction to it has this density.
+# The density is that of a matte surface. To draw a direction, take a uniform point on
+# the unit sphere that touches the surface from above: the direction to this point has
+# the density :math:`p_b`.
 @dataclass(frozen=True, eq=False)
 class Velvet(Lobe):
     """Brighter where the view grazes."""
@@ -125,10 +127,10 @@ velvet = dmis.Material((Lambert((0.25, 0.02, 0.05)), Velvet(3.0)), "velvet")
 scene = make_scene(velvet, name="velvet-ring")
 
 # %%
-# Is it right? If ``pdf`` is not the density of ``sample``, every image is wrong without
-# looking wrong. One check needs to know nothing of the model: all techniques must
-# agree. Light sampling never calls ``sample``, and BRDF sampling needs all three
-# methods. Their images must differ by noise alone.
+# Is the lobe right? If ``pdf`` is not the density of ``sample``, every image is wrong
+# but looks right. One check works for any model: all techniques must agree. Light
+# sampling never calls ``sample``, while BRDF sampling needs all three methods. Their
+# images may differ only by noise.
 images = [
     dmis.render(scene, f"fixed:{w}", 32, seed=w, sampler="independent") for w in (0, 1)
 ]
@@ -140,19 +142,19 @@ print(f"BRDF against light sampling: z = {difference / error:.2f}, allowed -3 to
 # %%
 # A rule
 # ------
-# A rule says which pilot it wants: camera samples by share of light samples. From this
-# it makes a `Fit`: a share for each pixel. `dmis.Rule` has a default for everything but
-# ``fit``.
+# A rule requests a pilot: numbers of camera samples at given shares of light samples.
+# From the pilot the rule computes a `Fit`, which contains a share for each pixel.
+# `dmis.Rule` has defaults for everything except ``fit``.
 #
-# This rule takes two samples of each technique alone. With the variances :math:`V_l`
-# and :math:`V_b` of a patch it gives
+# This rule takes two samples of each technique alone. From the variances :math:`V_l`
+# and :math:`V_b` of a patch it computes
 #
 # .. math::
 #
 #    w = \frac{V_b}{V_l + V_b}
 #
-# so the technique that was less noisy gets more samples. It never leaves a technique
-# without samples, because two samples may be wrong.
+# so the less noisy technique gets more samples. The rule keeps w between 0.1 and 0.9,
+# because the variance of two samples may be wrong.
 @dataclass(frozen=True)
 class Quieter(dmis.Rule):
     """More samples for the technique whose pilot was less noisy."""
@@ -172,7 +174,7 @@ class Quieter(dmis.Rule):
 dmis.register_rule("quieter", Quieter)  # its fields are options: quieter:patch=4
 
 # %%
-# From here on it is a rule like any other. In `render`:
+# Now the rule works like any other, for example in `render`:
 result = dmis.render(scene, "quieter:patch=8", 16, seed=1)
 figure, axes = plt.subplots(1, 2, figsize=(12, 4.4), layout="constrained")
 plot.picture(axes[0], result.image, "quieter:patch=8")
@@ -180,9 +182,9 @@ shown = plot.weights(axes[1], result.weight, "its shares")
 plot.weight_bar(figure, shown, axes[1])
 
 # %%
-# And in `compare`, which writes a table, a plot of error against time, an image of each
-# rule, and a report with everything (``report.html``). All rules have independent
-# points here, so that the shares alone decide.
+# It also works in `compare`, which writes a table, a plot of error against time, an
+# image of each rule, and a report of all results (``report.html``). Here all rules use
+# independent points, so only the shares differ.
 size = (40, 30) if QUICK else (80, 60)
 small = make_scene(velvet, name="velvet-ring-small", resolution=size)
 seeds, output = range(2 if QUICK else 5), folder / "comparison"
@@ -198,30 +200,31 @@ axis.imshow(plt.imread(output / "convergence.png"))
 axis.set_axis_off()
 
 # %%
-# How to read the table: "relMSE / balance" and "MSE / balance" are errors over those
-# of ``balance`` at equal samples, with 95 % intervals over the seeds. A rule wins where
-# its whole interval is below 1. "relMSE·CPU s / balance" and "MSE·CPU s / balance"
-# count the time, too.
+# How to read the table: "relMSE / balance" and "MSE / balance" are errors over those of
+# ``balance`` at equal samples, with 95 % intervals over the seeds. A rule wins if its
+# whole interval is below 1. "relMSE·CPU s / balance" and "MSE·CPU s / balance" are
+# ratios of error times CPU time.
 #
-# The images are EXR files. They have the shares as a layer, and as text all that is
-# needed to make them again.
+# The images are EXR files. They contain the shares as a layer, and a text with
+# everything needed to repeat the render.
 path = next((output / "images").glob("quieter*64*.exr"))
 layers, attributes = dmis.read_exr(path)
 print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 
 # %%
-# This rule loses at 16 samples: its whole interval is above 1. Its picture says why. In
-# the red patches of the floor the pilot's BRDF samples missed the lamp, so they looked
-# quiet. The rule ``second-moment`` wins at equal samples, with a pilot of six samples
-# in place of four.
+# This rule loses at 16 samples: its whole interval is above 1. Its picture shows why.
+# In the red patches of the floor the pilot's BRDF samples missed the lamp, so their
+# variance looked small. The rule ``second-moment`` wins at equal samples, with a pilot
+# of six samples instead of four.
 #
-# Ask the same of your rule. Does it win at equal samples? In equal time, too? On your
-# own scenes?
+# Does your rule win at equal samples? Does it also win in equal time, and on your own
+# scenes?
 #
-# To use it from the command line, put it into a file ``mine.py``, with its imports
-# above and ``register_rule`` below. ``python -m dmis check mine.py`` tests it. Then
+# To use a rule from the command line, write it into a file ``mine.py``, with its
+# imports and ``register_rule``. ``python -m dmis check mine.py`` tests the rule. Then
+# compare it by
 # ``python -m dmis compare teapot-area-light --plugin mine.py --rules quieter,auto
-# -o mine`` knows it by its name.
+# -o mine``.
 #
 # Exercises
 # ---------
@@ -231,10 +234,10 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 # 19. *Easy.* Divide a budget over pixels by variance and cost
 #     (``19_sample_counts.py``).
 # 20. *Medium.* Give velvet a density that fits it better (``20_velvet.py``).
-# 21. *Hard.* Write a rule that has at most 0.85 of the error of ``balance`` on two
-#     scenes, one for each technique, with its whole interval (``21_rule.py``).
+# 21. *Hard.* Write a rule whose error over that of ``balance`` is below 0.85 on two
+#     scenes, one for each technique, with the whole interval (``21_rule.py``).
 #
-# To think about: let `Quieter` learn from standard deviations in place of variances
-# (Neyman's allocation). When is that right?
+# To think about: let `Quieter` learn from standard deviations instead of variances
+# (Neyman's allocation). When is this better?
 for path in plot.show("6_your_own"):
     print(path)

@@ -4,12 +4,13 @@ r"""
 
 After this tutorial you can
 
-* choose one of several lamps for each sample, and have it right in both densities;
+* choose one of several lamps for each sample, with the right density for both
+  techniques;
 * keep mirrors out of multiple importance sampling;
-* count light once on a path, whichever way it is found;
-* tell the first fault by `dmis.doctor`, and the others by means.
+* count light on a path only once, whichever technique finds it;
+* find the first of these faults by `dmis.doctor`, and the others by comparing means.
 
-Each part has the right code first, then the mistake that most renderers had once.
+Each part shows the right code first, and then a common mistake.
 """
 
 import os
@@ -27,8 +28,9 @@ rng = np.random.default_rng(1)
 # %%
 # One of four lamps
 # -----------------
-# A matte floor lies under four square lamps that face down, all at one height, so that
-# none hides another. Each pixel is one point of the floor, on a line below them.
+# A matte floor lies under four square lamps that face down. All lamps are at the same
+# height, so none hides another. Each pixel is one point of the floor, on a line below
+# the lamps.
 CENTRE = np.array([-1.2, -0.4, 0.3, 1.2])  # x of each lamp
 HEIGHT = 0.6
 SIDE = np.array([0.1, 0.5, 0.2, 0.9])
@@ -48,17 +50,17 @@ def lamp_met(x, wi):
 
 
 # %%
-# A light sample picks lamp k with the probability :math:`q_k`, and then a point of it.
-# The density of its direction has *both* steps, with the distance d and the angle
-# :math:`\theta_l` at the lamp:
+# A light sample picks lamp k with the probability :math:`q_k`, and then a point on the
+# lamp. Let d be the distance and :math:`\theta_l` the angle at the lamp. The density of
+# the direction contains *both* steps:
 #
 # .. math::
 #
 #    p_l = q_k \, \frac{1}{A_k} \, \frac{d^2}{\cos\theta_l}
 #
-# A BRDF sample does not pick a lamp, it meets one. For its weight it needs the density
-# with which light sampling *would have* drawn the same direction. So it looks up
-# :math:`q_k` of the lamp that it met.
+# A BRDF sample hits a lamp by chance. For its weight we need the density with which
+# light sampling *would have* drawn the same direction. This density contains
+# :math:`q_k` of the lamp that the sample hits.
 def light_density(x, wi, q):
     """Return p_l of directions, with the probability of the lamp, and the lamp met."""
     met = lamp_met(x, wi)
@@ -114,9 +116,10 @@ def estimates(table, weight="balance"):
 
 
 # %%
-# All probabilities give the same mean, as long as no lamp that is seen has 0. The noise
-# differs: a lamp that matters should be picked often. By power is a good start. Here is
-# the noise of picking evenly and by power, each with the balance heuristic.
+# The mean is the same for all probabilities, if every visible lamp has a probability
+# above 0. But the noise differs: important lamps should be picked often. Probabilities
+# in proportion to power are a good start. Here is the noise of uniform probabilities
+# and of probabilities by power, each with the balance heuristic.
 power = RADIANCE * AREA
 choices = {"evenly": np.full(4, 0.25), "by power": power / power.sum()}
 figure, axes = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained")
@@ -131,8 +134,8 @@ axes[1].legend()
 
 
 # %%
-# **The mistake.** The BRDF branch asks the lamp that it met for its density, and the
-# lamp does not know that it is one of four.
+# **The mistake.** For a BRDF sample, the renderer computes the density of a point on
+# the lamp, but forgets the probability :math:`q_k` of the lamp.
 def forgets_q(x, wi, q):
     """Return p_l of a lamp alone: the probability of the lamp is missing."""
     return light_density(x, wi, np.ones(4))
@@ -146,15 +149,16 @@ for name, table in (("right", right), ("forgets q", wrong)):
     print(f"{name:9}: light {means[0]}, BRDF {means[1]}, balance {means[2]}")
 
 # %%
-# Up to noise each technique alone is right in both renderers, because neither divides
-# by the other one's density. Only their mixture is too dark: nothing looks wrong but
-# the brightness. The doctor needs nothing but the samples:
+# Up to noise each technique alone is right in both renderers, because it divides only
+# by its own density. But the mixture is too dark, which is hard to see. The doctor
+# finds the fault from the samples:
 print(dmis.doctor(right).text(), "\n")
 print(dmis.doctor(wrong).text())
 
 # %%
-# It says which column is wrong, in which rows, and the factor: 4, one over q. The means
-# by pixel are a picture of it: too dark everywhere, most where both techniques work.
+# The doctor reports which column is wrong, in which rows, and by which factor: 4, which
+# is 1 / q. The figure shows the mean of each pixel: the wrong one is too dark
+# everywhere, most of all where both techniques contribute.
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
 for name, table in (("right", right), ("forgets q", wrong)):
     axis.plot(x, estimates(table).sum(axis=0).mean(axis=1), label=name)
@@ -164,17 +168,18 @@ axis.legend()
 # %%
 # Mirrors
 # -------
-# A mirror sends all light from one direction. Its BRDF is a *delta* function: zero but
-# in one direction, and there infinite. So
+# A mirror reflects light from a single direction to the viewer. Its BRDF is a *delta*
+# function: infinite in this direction, and zero elsewhere. So
 #
-# * light sampling adds nothing: a point of a lamp lies in that direction with
+# * light sampling adds nothing: a random point on a lamp lies in this direction with
 #   probability 0;
-# * the mirrored ray has weight 1: there is no technique to share with. What it brings
-#   is the mirror's reflectance times the radiance, with no density to divide by.
+# * the mirrored ray has weight 1, because no other technique can find its direction. It
+#   contributes the mirror's reflectance times the radiance, without division by a
+#   density.
 #
-# **The mistake.** A renderer writes 1 where a delta lobe has its density, and weighs
-# the ray as any other sample, by :math:`p_b / (p_l + p_b)`. Let the floor be a mirror
-# of reflectance 0.5 that the camera sees from above, at an angle.
+# **The mistake.** A renderer sets the density of a delta lobe to 1, and weights the ray
+# like any other sample, by :math:`p_b / (p_l + p_b)`. Let the floor be a mirror of
+# reflectance 0.5 that the camera sees from above, at an angle.
 slope = np.array([[0.3], [0.0], [1.0]]) / np.linalg.norm([0.3, 0, 1])
 mirrored = np.repeat(slope, len(point), axis=1)
 p_l, met = light_density(point, mirrored, choices["evenly"])
@@ -183,9 +188,9 @@ weighed = light_seen * 1 / (p_l + 1)
 print(f"lamps in the mirror: {light_seen.mean():.3f}, weighed: {weighed.mean():.3f}")
 
 # %%
-# The lamps in the mirror are too dark, most of all the small ones, which light sampling
-# finds surely. The doctor cannot tell: it compares rows that both techniques could
-# draw, and here there are none. Delta lobes stay out of its tables, and out of MIS.
+# The lamps in the mirror are too dark, most of all small lamps, for which p_l is large.
+# The doctor cannot find this fault: it compares rows that both techniques could draw,
+# and here no such row exists. Delta lobes belong neither in its tables nor in MIS.
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
 for name, values in (("right", light_seen), ("weighed", weighed)):
     axis.plot(x, values.reshape(PIXELS, SPP)[:, 0], label=name, drawstyle="steps-mid")
@@ -195,22 +200,22 @@ axis.legend()
 # %%
 # Once, not twice
 # ---------------
-# A path goes on from each surface in one direction. At each of its surfaces light
-# samples and BRDF samples gather what the lamps send there. With the throughput
-# :math:`T_k`, the product of all :math:`f_r \cos\theta / p` on the way to surface k,
-# and what is gathered there, :math:`D_k`, and emitted, :math:`E_k`:
+# A path continues from each surface in one direction. At surface k, light samples and
+# BRDF samples estimate the direct light :math:`D_k`, and the surface itself emits
+# :math:`E_k`. The throughput :math:`T_k` is the product of all
+# :math:`f_r \cos\theta / p` on the way to surface k. Then the radiance of the path is
 #
 # .. math::
 #
 #    L = \sum_k T_k \left( D_k + [k = 0 \text{ or a mirror led to } k] \, E_k \right)
 #
-# The bracket is what matters. If the path's next ray meets a lamp, that is light which
-# :math:`D_{k-1}` has gathered already, by its two techniques. Counted again it is there
-# twice. After a mirror nothing was gathered, so there it must count; and what the
-# camera sees itself, too.
+# The bracket is 1 if its condition is true, otherwise 0. If the path's next ray hits a
+# lamp, :math:`D_{k-1}` already contains this light, so :math:`E_k` would count twice.
+# Mirrors have no :math:`D_{k-1}`, so after a mirror :math:`E_k` must count. It also
+# counts at the first surface, k = 0.
 #
 # **The mistake** is to add :math:`E_k` at every surface. Here are the floor's samples
-# once more, and next rays of the same BRDF.
+# again, with next rays from the same BRDF.
 gathered = estimates(right).sum(axis=0).ravel()
 onwards = brdf_samples(len(point))
 met = lamp_met(point, onwards)
@@ -220,10 +225,10 @@ for name, values in (("once", gathered), ("twice", gathered + met_again)):
     print(f"{name:6}: {values.mean():.4f} ± {error:.4f}")
 
 # %%
-# Twice the light everywhere, which nobody sees without another image. The table of the
-# doctor does not have it: all its samples are right, and the fault is in their sum. A
-# white furnace shows it. So does a comparison: direct light and paths of one surface
-# must have the same mean. In dmis they are the same bits.
+# The floor gets twice the light everywhere, which is invisible without a second image.
+# The doctor cannot find this fault, because all samples are right and only their sum is
+# wrong. A white furnace test shows it. A comparison also shows it: direct light and
+# paths of one surface must have the same mean. In dmis both images have the same bits.
 scene = dmis.load_scene("cornell", resolution=(24, 24) if QUICK else (96, 96))
 ways = {"direct": {}, "path": {"max_depth": 1}}
 images = [
@@ -237,23 +242,24 @@ plot.picture(axes[0], images[0], "one surface")
 plot.picture(axes[1], deep.image, "paths of five surfaces")
 
 # %%
-# Paths never end by themselves. Russian roulette ends those of little throughput at
-# random, with the probability 1 - T, and divides the survivors by T: the mean stays.
+# Paths never end by themselves. Russian roulette ends a path of throughput T < 1 with
+# probability 1 - T and divides the surviving paths by T, so the mean stays the same.
 #
-# From four lamps on, dmis does what the first part did, with probabilities from a tree
-# of the lamps, where a path has scattered: later surfaces count for less in the image.
+# In scenes with four lamps or more, dmis picks one lamp per sample, as in the first
+# part, at all surfaces after the first. The probabilities come from a tree of the
+# lamps.
 #
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
 # the file, and check it with ``python docs/exercises/checks N FILE``.
 #
-# 22. *Easy.* The density of a direction with one of several lamps
+# 22. *Easy.* Compute the density of a direction with several lamps
 #     (``22_one_of_many.py``).
-# 23. *Medium.* Weights where some samples come from mirrors (``23_delta.py``).
-# 24. *Hard.* The radiance of paths, each light once (``24_once.py``).
+# 23. *Medium.* Compute weights if some samples come from mirrors (``23_delta.py``).
+# 24. *Hard.* Compute the radiance of paths, and count all light once (``24_once.py``).
 #
-# To think about: a lamp that is hidden from a point has q > 0 there. What does that
-# cost, and what would q = 0 cost elsewhere?
+# To think about: a lamp that is hidden from a point has q > 0 there. What does this
+# cost, and what would q = 0 cost at other points?
 for path in plot.show("7_paths_and_lights"):
     print(path)

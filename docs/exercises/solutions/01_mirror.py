@@ -1,4 +1,4 @@
-"""Solution of exercise 1: the part along n stays, the part across n turns round."""
+"""Solution of exercise 1: keep the part along n, negate the part across n."""
 
 from dmis.base.vectors import dot
 

@@ -1,4 +1,4 @@
-"""Solution of exercise 3: divide by the density, and leave out what is below."""
+"""Solution of exercise 3: divide by the density; no light from below."""
 
 import numpy as np
 

@@ -7,7 +7,7 @@ from dmis.samplers.warp import power_pdf, square_to_power
 
 
 def sample(wo, u, exponent):
-    """Return `wo` ``(3, N)`` mirrored at half vectors, ``(3, N)``; the normal is +z."""
+    """Return `wo` ``(3, N)`` reflected about half vectors; the normal is +z."""
     h = square_to_power(u, exponent)
     return 2 * dot(wo, h) * h - wo
 

@@ -1,6 +1,6 @@
 """Solution of exercise 9: inversion of two distribution functions.
 
-What is left of a uniform number after it has picked a cell is uniform again.
+After a uniform number has picked a cell, its position within the cell is uniform again.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Solution of exercise 12: the two groups have means of their own."""
+"""Solution of exercise 12: the samples of each technique vary around their own mean."""
 
 
 def variance_curve(f, p_l, p_b, dx, w):

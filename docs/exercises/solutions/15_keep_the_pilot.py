@@ -1,7 +1,8 @@
-"""Solution of exercise 15: shares that were fixed before any sample was seen.
+"""Solution of exercise 15: weights that are fixed before any sample is drawn.
 
-A pilot that missed a spike is dark and looks quiet. Weighed by its own variance it
-counts more just where it is too dark, so the image is too dark on average.
+A pilot that missed a spike is too dark, and its sample variance is small. So weights by
+inverse variance are largest where the pilot is too dark, and the image is too dark on
+average.
 """
 
 

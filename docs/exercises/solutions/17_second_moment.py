@@ -1,7 +1,7 @@
 """Solution of exercise 17: the mean of X^2 / m.
 
-The square of what the sample counts at w is (X / m)^2. It was drawn from q in place
-of p_w, which is a factor of p_w / q = m.
+At the share w a sample counts X / m, and its square is (X / m)^2. Because it was drawn
+from q instead of p_w, the square gets the factor p_w / q = m.
 """
 
 import numpy as np

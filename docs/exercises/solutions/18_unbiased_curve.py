@@ -1,7 +1,7 @@
-"""Solution of exercise 18: a sample variance of each group, with n - 1.
+"""Solution of exercise 18: the sample variance of each technique, with n - 1.
 
-The samples of a group come from their own density at every w, so nothing has to be
-weighed: only their values f / p_w = X / m change with w.
+The density of a technique's samples does not depend on w, so no reweighting is needed:
+only their values f / p_w = X / m change with w.
 """
 
 

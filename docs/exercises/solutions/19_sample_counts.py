@@ -1,4 +1,4 @@
-"""Solution of exercise 19: n in proportion to the root of V / C."""
+"""Solution of exercise 19: n in proportion to the square root of V / C."""
 
 import numpy as np
 

@@ -1,8 +1,9 @@
 """Solution of exercise 20: (1 - cos) / pi, one of the two factors of the BRDF.
 
-Its distribution function in c = cos is 1 - (1 - c)^2. What is left, f cos / p, is in
-proportion to c (1 - c), which is never far above its mean; 3 (1 - c)^2 / (2 pi), in
-proportion to the whole BRDF, leaves c, which varies three times as much (0.6).
+Its distribution function in c = cos is 1 - (1 - c)^2. The ratio f cos / p is then in
+proportion to c (1 - c), which varies little. With the density 3 (1 - c)^2 / (2 pi), in
+proportion to the whole BRDF, the ratio would be in proportion to c, with three times
+the relative variance (0.6).
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Solution of exercise 21: average first, then decide.
 
 The variances are averaged over patches and then over neighbouring patches, so that
-each decision has hundreds of samples behind it. The share follows from them as in
-tutorial 6, and a technique always keeps a few samples.
+each decision uses hundreds of samples. The share follows from the variances as in
+tutorial 6, and each technique always keeps a few samples.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Solution of exercise 23: a mirror's ray shares with no other technique."""
+"""Solution of exercise 23: a ray from a mirror has the weight 1."""
 
 import numpy as np
 
