@@ -1,10 +1,10 @@
 """Exercise 21 (hard): a rule that beats the balance heuristic.
 
 Your rule renders two scenes of 64 by 36 pixels with 32 samples per pixel, including the
-pilot. On the teapot below its lamp light samples are better, on the car under its sky
-(``tt-overcast``) BRDF samples. On both scenes the whole 95 % interval of the error over
-that of ``balance`` must be below 0.85, and the image must be unbiased. No constant
-share achieves this, so ``fit`` must learn from the pilot.
+pilot. Light samples are better on the teapot below its lamp, and BRDF samples are
+better on the car under its sky (``tt-overcast``). On both scenes the whole 95 %
+interval of the error over that of ``balance`` must be below 0.85, and the image must be
+unbiased. No constant share achieves this, so ``fit`` must learn from the pilot.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 21 mine.py``.
 """

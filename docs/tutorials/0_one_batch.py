@@ -225,8 +225,8 @@ figure.colorbar(shown, ax=axes[2], label="z")
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 1. *Easy.* Reflect the directions of a batch about normals (``01_mirror.py``).
 # 2. *Medium.* Write the density of a point on a light per solid angle

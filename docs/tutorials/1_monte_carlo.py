@@ -170,11 +170,11 @@ for n, result in images.items():
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 4. *Easy.* Write a mean and its standard error (``04_standard_error.py``).
-# 5. *Medium.* Solve the variance of one sample of the lamp's integral by formula
+# 5. *Medium.* Derive a formula for the variance of one sample of the lamp's integral
 #    (``05_lamp_variance.py``).
 # 6. *Hard.* Merge the moments of two parts, without loss of digits (``06_merge.py``).
 #

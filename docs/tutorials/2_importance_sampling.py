@@ -104,8 +104,6 @@ plot.picture(axes[0], brdf.image, "BRDF sampling, w = 0")
 plot.picture(axes[1], light.image, "light sampling, w = 1")
 
 # %%
-# Follow one lamp down the plates, and one plate across the lamps.
-#
 # BRDF sampling is good for large lamps in smooth plates: all reflected directions hit
 # the lamp. Small lamps show only as sparks.
 #
@@ -162,8 +160,8 @@ for exponent, y in rows.items():
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 7. *Easy.* Write the zero-variance density of the desk lamp, and its sampling
 #    (``07_no_variance.py``).

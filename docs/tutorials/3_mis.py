@@ -9,9 +9,10 @@ After this tutorial you can
 * say what Veach's theorem bounds, and what it leaves open;
 * measure how the variance depends on the share of light samples.
 
-Light sampling fails on smooth plates, BRDF sampling with small lamps. Multiple
-importance sampling (MIS) takes samples of both techniques and gives each sample a
-weight. The weight is small if the other technique finds the same direction more easily.
+Light sampling fails on smooth plates, and BRDF sampling fails with small lamps.
+Multiple importance sampling (MIS) takes samples of both techniques and gives each
+sample a weight. The weight is small if the other technique finds the same direction
+more easily.
 """
 
 import os
@@ -99,10 +100,10 @@ figure, axis = plt.subplots(figsize=(8, 6), layout="constrained")
 plot.picture(axis, result.image, "one light + one BRDF sample, balance heuristic")
 
 # %%
-# What does each technique contribute? The image is a sum of two images: of the light
-# samples, :math:`W_l f / p_l`, and of the BRDF samples, :math:`W_b f / p_b`. The third
-# picture shows the fraction of the light samples' image in false colours: blue where
-# light samples contribute everything, red where BRDF samples do.
+# What does each technique contribute? The image is the sum of two images: the mean of
+# :math:`W_l f / p_l` over light samples, and the mean of :math:`W_b f / p_b` over BRDF
+# samples. The third picture shows the light samples' fraction in false colours: blue
+# means only light samples, red only BRDF samples.
 table = dmis.samples(scene, spp=16, seed=1, sampler="independent")
 light, brdf = (table.rows(table.technique == k).radiance().mean(axis=0) for k in (0, 1))
 figure, axes = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained")
@@ -193,8 +194,8 @@ axis.legend()
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 10. *Easy.* Write the balance heuristic (``10_balance_weight.py``).
 # 11. *Medium.* Write the estimate from any numbers of samples of both techniques

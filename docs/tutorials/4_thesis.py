@@ -232,8 +232,8 @@ for k in (1, 2):
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 13. *Easy.* Write the minimum of the parabola, with all special cases
 #     (``13_parabola.py``).

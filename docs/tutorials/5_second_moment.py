@@ -182,11 +182,11 @@ for rule in rules[1:]:
     print(f"{rule:28} mean squared error over that of balance {value:.2f} ± {half:.2f}")
 
 # %%
-# ``second-moment`` wins. ``thesis`` (with shares) loses here, but gains on the page
-# "The thesis in short", with 128 samples and larger patches. Here the pilot takes six
-# of only 32 samples: even with equal shares the error would be 32/26 = 1.23. Besides,
-# patches of 8 by 8 pixels miss spikes. With patches of 16 by 16 the ratio is 1.14 ±
-# 0.05, and with 128 samples 0.95 ± 0.03.
+# ``second-moment`` wins. ``thesis`` (with shares) loses. The page "The thesis in short"
+# reports a gain on this scene, with 128 samples and larger patches. Here the pilot
+# takes six of only 32 samples: even with equal shares the error would be 32/26 = 1.23.
+# Besides, patches of 8 by 8 pixels miss spikes. With patches of 16 by 16 the ratio is
+# 1.14 ± 0.05, and with 128 samples 0.95 ± 0.03.
 #
 # Why low-discrepancy points beat shares
 # --------------------------------------
@@ -222,8 +222,8 @@ axis.legend()
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 16. *Easy.* Compute the probability to miss a spike, and how many samples make it
 #     small (``16_missed.py``).

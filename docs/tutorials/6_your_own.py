@@ -146,8 +146,8 @@ print(f"BRDF against light sampling: z = {difference / error:.2f}, allowed -3 to
 # From the pilot the rule computes a `Fit`, which contains a share for each pixel.
 # `dmis.Rule` has defaults for everything except ``fit``.
 #
-# This rule takes two samples of each technique alone. From the variances :math:`V_l`
-# and :math:`V_b` of a patch it computes
+# This rule's pilot takes two BRDF samples and two light samples per pixel. From the
+# variances :math:`V_l` and :math:`V_b` of a patch it computes
 #
 # .. math::
 #
@@ -228,8 +228,8 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 19. *Easy.* Divide a budget over pixels by variance and cost
 #     (``19_sample_counts.py``).

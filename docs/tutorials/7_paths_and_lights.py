@@ -251,8 +251,8 @@ plot.picture(axes[1], deep.image, "paths of five surfaces")
 #
 # Exercises
 # ---------
-# The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python docs/exercises/checks N FILE``.
+# Starter files and solutions are on the page "Syllabus". Check your file with
+# ``python docs/exercises/checks N FILE``.
 #
 # 22. *Easy.* Compute the density of a direction with several lamps
 #     (``22_one_of_many.py``).
