@@ -134,8 +134,8 @@ for name, value in (
 # By this bound, at shares between 1/4 and 3/4 a term is at most twice the term at w =
 # 1/2. Towards 0 and 1 the bound grows without limit, so the curves are less certain
 # there. The samples of each technique inform both: if the BRDF samples miss a lamp, the
-# light samples still hit it. Their :math:`p_b` shows the variance of BRDF sampling
-# alone.
+# light samples still hit it. The density :math:`p_b` of these light samples shows the
+# variance of BRDF sampling.
 #
 # The rule ``second-moment`` uses this estimate. It averages the *curves* of similar
 # neighbouring patches, and then takes the minimum of each patch. If the gain is
