@@ -355,6 +355,8 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=list(SIZES), default=list(SIZES))
     parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "tables", help="of the rows")
     given = parser.parse_args()
+    if given.quick and given.folder.is_relative_to(ROOT / "docs"):
+        parser.error(f"--quick needs another --folder: small images are not for {given.folder}")
     if not llvm():
         sys.exit("Mitsuba's LLVM variant is needed: DRJIT_LIBLLVM_PATH names the LLVM library")
     scenes = []

@@ -140,6 +140,8 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases whose scene or title has this in it")
     parser.add_argument("--csv", type=Path, default=CSV, help="rows of results")
     given = parser.parse_args()
+    if given.quick and given.csv == CSV:
+        parser.error(f"--quick needs another --csv: small images are not for {CSV}")
     shrink, spp = (16, 16) if given.quick else (8, 64)
     rows: list[Mapping[str, object]] = [*read_rows(given.csv)]
     present = {tuple(row[field] for field in FIELDS[:3]) for row in rows}

@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, TABLES, options, show
 from rows import read_runs, writer
+from show_points import SKY
 from vary import set_constant
 
 import dmis
@@ -36,8 +37,8 @@ SIZES = {"cornell": (200, 200), "ten-lights": (200, 150)}
 SCENES = ("cornell", *TABLES, "ten-lights")
 MORE_SEEDS = {"cornell": 3, "killeroo-gold": 3}
 """Seeds more than for other scenes, where few paths have most of the error."""
-SKY, LAMPS = ("tt",), ("ten-lights",)
-"""Scenes with a sky, which compensation concerns, and with lamps enough for a light tree."""
+LAMPS = ("ten-lights",)
+"""Scenes with lamps enough for a light tree."""
 ROULETTE, TREE = "dmis.estimator.path.ROULETTE", "dmis.scene.plan.DEEPER_LIGHTS"
 """Constants of the steps: first depth of Russian roulette, and least number of lamps for a tree."""
 

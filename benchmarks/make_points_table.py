@@ -14,13 +14,14 @@ made; an interrupted run continues after the last. Remove the file to measure ag
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import TABLES, options, show
 from rows import read_runs, writer
-from show_points import ABSOLUTE, AUTO, COUNTS, CSV, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL
+from show_points import ABSOLUTE, CSV, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL
 
 import dmis
 from dmis.experiment.runs import measure
@@ -34,14 +35,22 @@ MORE_SEEDS = {"killeroo-gold": 4}
 """Seeds more than for other scenes at 128 spp, where few pixels have most of the error."""
 
 
-def run_scene(name: str, scene: dmis.Scene, csv: Path, seeds: int, most: int, reference_spp: int) -> None:
+Plan = tuple[Sequence[str], int, int]
+"""Rules that take turns, camera samples per pixel, and number of seeds."""
+
+
+def plans_of(name: str, seeds: int, most: int) -> list[Plan]:
+    """Return the plans of a scene."""
+    rules = [PINNED, SOBOL, *RULES, *ABSOLUTE.values(), *((PLAIN, PLAIN_SOBOL) if name in SKY else ())]
+    of_budgets = [(rules, spp, most + MORE_SEEDS.get(name, 0) if spp == 128 else seeds) for spp in BUDGETS]
+    return [([SOBOL], BEYOND, seeds), *of_budgets]
+
+
+def run_plans(name: str, scene: dmis.Scene, plans: Sequence[Plan], csv: Path, reference_spp: int) -> None:
     """Render what the file does not have yet."""
     width, height = scene.camera.resolution
     title = f"{name} {width}×{height}"
     done = read_runs(csv).get(title, [])
-    rules = [PINNED, SOBOL, *RULES, *ABSOLUTE.values(), *((PLAIN, PLAIN_SOBOL) if name in SKY else ())]
-    plans = [([SOBOL], BEYOND, seeds)]
-    plans += [(rules, spp, most + MORE_SEEDS.get(name, 0) if spp == 128 else seeds) for spp in BUDGETS]
     wanted = {(rule, spp, seed) for rules, spp, number in plans for rule in rules for seed in range(number)}
     if not wanted - {(run.rule, run.spp, run.seed) for run in done}:
         print(f"{title}: nothing is missing in {csv}")
@@ -59,9 +68,8 @@ def run_scene(name: str, scene: dmis.Scene, csv: Path, seeds: int, most: int, re
             parallel=1,
             progress=show(f"{name} {spp} spp"),
         )
-        for rule in (AUTO, COUNTS):
-            if (rule, spp) in runs:
-                print(title, spp, rule, sum(run.relmse for run in runs[rule, spp]) / number, flush=True)
+        for rule, of_rule in runs.items():
+            print(title, *rule, sum(run.relmse for run in of_rule) / number, flush=True)
 
 
 def main() -> None:
@@ -74,15 +82,13 @@ def main() -> None:
         scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes (default: all)"},
         csv={"type": Path, "default": CSV, "help": "rows of results (default docs/tables/points.csv)"},
     )
-    if opts.size == "quick" and given.csv == CSV:
-        given.csv = opts.output.parent / CSV.name  # numbers of tiny images are not for the pages of the project
     for name in given.scenes:
         if name in TABLES:
             scene = opts.scene(name, TABLES[name] * opts.pick(12, 1))
         else:
             width, height = HELD_OUT[name]
             scene = dmis.load_scene(name, resolution=(width // opts.pick(8, 1), height // opts.pick(8, 1)))
-        run_scene(name, scene, given.csv, given.seeds, given.most, opts.pick(16, 1024))
+        run_plans(name, scene, plans_of(name, given.seeds, given.most), given.csv, opts.pick(16, 1024))
 
 
 if __name__ == "__main__":

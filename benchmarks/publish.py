@@ -194,14 +194,20 @@ def record(piece: Piece, minutes: float | None = None, commit: str = "") -> None
     write_published_rows(published)
 
 
-def forget(piece: Piece) -> None:
-    """Delete the rows of a piece, so that they are measured anew; do nothing if it was interrupted or never made."""
+def forget(piece: Piece) -> dict[Path, bytes]:
+    """Delete the rows of a piece, so that they are measured anew, and return them.
+
+    A piece that was interrupted or never made keeps its rows.
+    """
     published, _ = state()
-    if published.pop(piece.name, None):
-        for name in piece.files:
-            if name.startswith("tables/"):
-                (DOCS / name).unlink(missing_ok=True)
-        write_published_rows(published)
+    if not published.pop(piece.name, None):
+        return {}
+    paths = [DOCS / name for name in piece.files if name.startswith("tables/") and (DOCS / name).exists()]
+    rows = {path: path.read_bytes() for path in paths}
+    for path in rows:
+        path.unlink()
+    write_published_rows(published)
+    return rows
 
 
 def write_published_rows(published: Mapping[str, Mapping[str, object]]) -> None:
@@ -214,13 +220,21 @@ def write_published_rows(published: Mapping[str, Mapping[str, object]]) -> None:
 
 
 def make(piece: Piece) -> bool:
-    """Run the command of a piece, and note that it was made; return whether it succeeded."""
-    forget(piece)
+    """Run the command of a piece, and note that it was made; return whether it succeeded.
+
+    A command that fails before its first row, such as one that lacks a package, leaves the old rows.
+    """
+    published, _ = state()
+    old_rows = forget(piece)
     begin = time.perf_counter()
     done = subprocess.run([sys.executable, *shlex.split(piece.command)], cwd=ROOT, check=False)
     if done.returncode == 0:
         record(piece, (time.perf_counter() - begin) / 60)
         write_pages([piece])
+    elif not any(path.exists() for path in old_rows):
+        for path, content in old_rows.items():
+            path.write_bytes(content)
+        write_published_rows(published)
     return done.returncode == 0
 
 

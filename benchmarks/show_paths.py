@@ -14,7 +14,6 @@ from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import Run
 
 CSV = ROOT / "docs" / "tables" / "paths.csv"
-SPP = 64
 SCENES = ("cornell", *FOUR, "ten-lights")
 BEFORE = {"compensation": "points", "roulette": "compensation", "lights": "roulette", "counts": "lights"}
 """The step before; where a scene does not have that step, the one before it."""

@@ -8,17 +8,11 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from dmis.base.atomic_files import check_writable
 from dmis.examples import gallery
-from dmis.examples.gallery import SCENES, Errors, Options, print_canvas  # noqa: F401  # for other scripts
-from dmis.experiment.convergence import error_times
-from dmis.experiment.metrics import ratio
-from dmis.experiment.runs import Run
+from dmis.examples.gallery import SCENES, Options, print_canvas  # noqa: F401  # for other scripts
 
 ROOT = Path(__file__).resolve().parent.parent
 TABLES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}
@@ -49,28 +43,6 @@ def show(title: str):
         print(f"\r{title}: {stage} {100 * done // total:3d} %", end=end, file=sys.stderr, flush=True)
 
     return progress
-
-
-def cell(runs: Sequence[Run], baseline: Sequence[Run]) -> str:
-    """MSE over that of the baseline, same seeds, with its 95 % confidence interval; bold if the interval is below 1."""
-    return bold(*ratio(np.array([run.mse for run in runs]), np.array([run.mse for run in baseline])))
-
-
-IN_TIME = "Intervals in equal time have the scatter of the seconds in them, and are corrected for several rules (Holm)."
-"""What a page says of the cells of `in_time`."""
-
-
-def in_time(rules: Sequence[Sequence[Run]], baseline: Sequence[Run]) -> list[str]:
-    """MSE times CPU seconds of each rule over that of the baseline, same seeds, with its 95 % confidence interval; bold
-    if the interval is below 1.
-
-    That is the MSE in equal time where error falls as 1 / time; see `dmis.experiment.convergence.error_times`.
-    """
-    texts = []
-    for value, low, high in error_times(rules, baseline):
-        text = f"{value:.3f} ({low:.3f} – {high:.3f})"
-        texts.append(f"**{text}**" if high < 1 else text)
-    return texts
 
 
 def bold(value: float, half: float) -> str:

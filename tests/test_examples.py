@@ -157,12 +157,12 @@ def test_errors_are_resumed(run, tmp_path, monkeypatch):
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path))
     script, table = ROOT / "examples" / "thesis" / "make_score.py", tmp_path / "results.csv"
     arguments = ("--divisor", "64", "--csv", table, "-o", tmp_path / "a.png", "--scenes", "teapot-area-light")
-    assert run(script, *arguments, "--seeds", "1").count(" s\n") == 6
+    assert run(script, *arguments, "--seeds", "1").count(" s\n") == 6 + 3 + 2 + 11  # all rows of the page
     first = table.read_text("utf-8")
     assert run(script, *arguments, "--seeds", "1") == "" and table.read_text("utf-8") == first
     run(script, *arguments, "--seeds", "2", "--setups", "nearest", "--rules", "balance", "power")
     rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
-    assert len(rows) == 6 + 3 and set(first.splitlines()) <= set(table.read_text("utf-8").splitlines())
+    assert len(rows) == 22 + 2 and set(first.splitlines()) <= set(table.read_text("utf-8").splitlines())
     assert 0 < sum(float(row["clipped mse"]) for row in rows) < sum(float(row["linear mse"]) for row in rows)
     assert all(row["linear own"] == row["linear balance"] for row in rows if row["rule"] == "balance")
 

@@ -221,19 +221,28 @@ def test_features_without_counterpart_are_refused():
 
 
 @pytest.mark.slow
-def test_scripts():
-    """Both print their tables, with a gain over Mitsuba's best set-up in equal time and images that agree."""
-    arguments = ("--quick", "--repeats", "2", "--scenes", "teapot-area-light", "--reference-spp", "64")
-    printed = script("against_mitsuba.py", *arguments)
-    rows = [line.split("|") for line in printed.splitlines() if line.startswith("| teapot")]
-    errors = [row for row in rows if len(row) == 12]
-    for row in errors[0], errors[-1]:  # in direct light, and by paths
-        best, default, balance, auto = row[3], *(float(row[k].strip(" *").split()[0]) for k in (5, 7, 9))
-        assert best.split(",")[0].strip() in mitsuba_scene.SAMPLERS and 0 < default < 1 and balance > 0
-        assert auto > 0 and (auto < balance or row is errors[-1])
-    printed = script("agreement.py", "--quick", "--seeds", "4", "--only", "mirror")
-    cells = printed.splitlines()[-1].split("|")
-    assert abs(float(cells[4].split()[0])) < 5 * float(cells[4].split()[2])
+def test_scripts(tmp_path):
+    """Both write rows: a gain over Mitsuba's best set-up in equal time, and images that agree."""
+    from rows import read_rows
+
+    arguments = ("--quick", "--repeats", "2", "--reference-spp", "64", "--folder", tmp_path)
+    script("against_mitsuba.py", *arguments, "--tables", "speed", "errors", "--scenes", "teapot-area-light")
+    script("against_mitsuba.py", *arguments, "--tables", "paths", "--scenes", "cornell")
+    assert {row["contestant"] for row in read_rows(tmp_path / "mitsuba-speed.csv")} == {"dmis", "LLVM", "own", "scalar"}
+    for kind in ("errors", "paths"):
+        rows = read_rows(tmp_path / f"mitsuba-{kind}.csv")
+        ratios = {row["compared"]: float(row["ratio"]) for row in rows if row["measure"] == "relmse"}
+        assert rows[0]["set-up"].split(",")[0] in mitsuba_scene.SAMPLERS and min(ratios.values()) > 0
+        assert kind == "paths" or ratios["auto"] < ratios["balance"]
+    script("agreement.py", "--quick", "--seeds", "4", "--only", "mirror", "--csv", tmp_path / "agreement.csv")
+    (row,) = read_rows(tmp_path / "agreement.csv")
+    assert abs(float(row["mean"])) < 5 * float(row["s.e."])
+
+
+@pytest.mark.parametrize("name", ["against_mitsuba.py", "agreement.py"])
+def test_small_images_are_not_for_the_pages(name):
+    done = subprocess.run([sys.executable, BENCHMARKS / name, "--quick"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "--quick needs another" in done.stderr
 
 
 def script(name, *arguments):

@@ -23,20 +23,20 @@ plot_fig_4_1_scenes plot_table_4_1 plot_fig_5_1_limitation_tt plot_held_out_scen
 plot_shares_and_points plot_why_the_parabola_fails plot_oracle_and_regret plot_patch_size
 """.split()
 """Pictures that may be older than their scripts: they are to be drawn again with other type and legends."""
-REPRODUCTION = ("reproduction", "reproduction-full", "floors", "sun")
 OTHER_FILES = {
     "images/data-flow.svg": "drawn by hand",
     "images/play.png": "a screenshot of the play page",
     "images/paper-figure.png": "made by the commands of docs/paper.md",
     "figures/captions.json": "titles and captions of all figures",
-    "images/demo.png": "by make demo; no piece yet",
-    **{f"tables/{name}.csv": "rows of docs/reproduction.md; no piece yet" for name in REPRODUCTION},
+    "tables/reproduction-full.csv": "made by commit c8bbb91, in hours",
+    "tables/reproduction-original.csv": "needs the public pbrt-v2 files",
+    "tables/sun.csv": "docs/reproduction.md has its command",
     "tables/published.csv": "what publish.py notes",
     "tables/renders.csv": "what publish.py notes",
 }
 """Files of docs that are no piece, and why."""
 NOT_MADE = """
-cluster error-time mis-bench-validated mitsuba-speed
+cluster mis-bench-validated
 """.split()
 """Pieces whose rows are not committed yet."""
 BY_HAND = {
@@ -238,6 +238,22 @@ def test_publish_makes_what_is_old_and_names_what_failed(planted, tmp_path, monk
     assert publish.reason_to_make(piece, *publish.state()) == ""
     assert "`a.py`" in publish.PAGE.read_text("utf-8")
     assert publish.main(["--only", "a"]) == 0
+
+
+def test_a_command_that_fails_before_its_first_row_changes_nothing(planted, tmp_path, monkeypatch) -> None:
+    """Rows and their note stay; after a first row of its own an interrupted command would continue."""
+    (tmp_path / "tables").mkdir()
+    monkeypatch.setattr(publish, "PUBLISHED", tmp_path / "tables" / "published.csv")
+    rows = tmp_path / "tables" / "rows.csv"
+    rows.write_text("1\n")
+    piece = replace(planted[0], files=("tables/rows.csv",))
+    publish.record(piece)
+    (tmp_path / "a.py").write_text("raise SystemExit(1)\n")
+    assert not publish.make(piece)
+    assert rows.read_text() == "1\n" and piece.name in publish.state()[0]
+    (tmp_path / "a.py").write_text("open('tables/rows.csv', 'w').write('2')\nraise SystemExit(1)\n")
+    assert not publish.make(piece)
+    assert rows.read_text() == "2" and piece.name not in publish.state()[0]
 
 
 def test_old_rows_are_deleted_and_interrupted_ones_kept(planted, tmp_path, monkeypatch) -> None:

@@ -17,9 +17,12 @@ or which scenes it renders by paths. This script renders the four scenes of its 
 Squared errors are over all pixels, mean of the channels, against two independent halves
 of a reference: of linear values, and of values clipped to [0, 1].
 
-Errors of blocks of pixels are kept, so that an interrupted run continues. A row of the
-table of results (``--csv``) is a render. ``score_tables.py`` makes the tables of
-docs/reproduction.md from that file alone.
+Errors of blocks of pixels are kept in the cache folder, so that an interrupted run
+continues; remove its folder ``reproduction`` to render again. A row of the table of
+results (``--csv``) is a render. ``score_tables.py`` makes the tables of
+docs/reproduction.md from these rows alone. Without ``--setups`` and ``--rules`` all
+rows of that page are made, hours of work, but those of the public files: these need
+``--scene-dir``, and have a table of their own.
 """
 
 import csv
@@ -124,6 +127,14 @@ CHOICES = {
     "Eq. 3.5 as printed": Printed(),
 }
 """Choices of dmis where the thesis is silent, as other rules; `tilt` has the others."""
+MAIN_SETUPS, MAIN_RULES = ("independent", "nearest"), ("balance", "tilt", "shares")
+PLANS = (
+    (MAIN_SETUPS, MAIN_RULES, 8),
+    (("file", "points", "points-file"), ("balance",), 1),
+    (MAIN_SETUPS, ("power",), 2),
+    (("independent",), tuple(CHOICES), 1),
+)
+"""Set-ups, rules and numbers of seeds of docs/reproduction.md."""
 
 
 # %%
@@ -245,17 +256,26 @@ if __name__ == "__main__":
     opts, given = options(
         __file__,
         "absolute errors and ratios of the reproduction",
-        setups={"nargs": "+", "default": ["independent", "nearest"], "help": "set-ups"},
-        rules={"nargs": "+", "default": ["balance", "tilt", "shares"], "help": "rules"},
+        setups={"nargs": "+", "help": "set-ups (default: all of the page)"},
+        rules={"nargs": "+", "help": "rules (default: all of the page)"},
         scenes={"nargs": "+", "default": list(SCENES), "help": "scenes"},
         seeds={"type": int, "default": 8, "help": "number of seeds (default 8)"},
         divisor={"type": int, "default": 4, "help": "of the thesis's side length"},
         csv={"type": Path, "help": "results (default docs/tables/reproduction.csv)"},
     )
-    CSV = given.csv or ROOT / "docs" / "tables" / "reproduction.csv"
+    stem = "reproduction-original" if opts.scene_dir else "reproduction"
+    CSV = given.csv or ROOT / "docs" / "tables" / f"{stem}.csv"
+    plans = PLANS
+    if given.setups or given.rules:
+        setups = given.setups or MAIN_SETUPS
+        plans = ((setups, given.rules or MAIN_RULES, given.seeds),)
     # All seeds of one come before the next of another, so that a part is of use.
-    wanted = itertools.product(
-        range(given.seeds), given.setups, given.scenes, given.rules
+    wanted = (
+        turn
+        for setups, rules, seeds in plans
+        for turn in itertools.product(
+            range(min(seeds, given.seeds)), setups, given.scenes, rules
+        )
     )
     for seed, setup, scene, rule in wanted:
         render = Render(setup, scene, rule, seed)

@@ -28,7 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from common import ROOT, SCENES, options, replace_table
 
 TABLES = ROOT / "docs" / "tables"
-CSV = TABLES / "reproduction.csv"
+CSV, ORIGINAL = (TABLES / f"reproduction{of}.csv" for of in ("", "-original"))
+"""Rows of the scenes that come with dmis, and of the public pbrt-v2 files."""
 MEASURES = "linear", "clipped"
 OWN_ROWS = "balance", "power", "tilt", "shares"
 """Rules with rows of their own; the others are choices where the thesis is silent."""
@@ -42,8 +43,8 @@ def read(path: Path) -> list[dict[str, str]]:
 
 @cache
 def measured() -> list[dict[str, str]]:
-    """Return the rows of `CSV`."""
-    return read(CSV)
+    """Return the rows of `CSV` and `ORIGINAL`."""
+    return [*read(CSV), *read(ORIGINAL)]
 
 
 FULL = {row["scene"]: row for row in read(TABLES / "reproduction-full.csv")}
