@@ -8,15 +8,14 @@ import grading
 
 FOLDER = Path(__file__).resolve().parent.parent
 CHANGES = {
-    5: (("X = 2 pi u where", "X = 2 pi u^{e} where"),),
+    5: (("X = 2 pi u if", "X = 2 pi u^{e} if"),),
     7: (
-        ("brings cos t from", "brings cos^{e} t from"),
+        ("is cos t inside", "is cos^{e} t inside"),
         ("in proportion to cos t.", "in proportion to cos^{e} t."),
     ),
     20: (
         ("rim * rim)", "rim**{e})"),
-        ("its relative variance of\nf cos / p must be 0.3 or less (cos / pi has 1.4, a uniform density 0.37).",
-         "its relative variance of\nf cos / p must be 0.3 or less."),
+        (" (cos / pi has 1.4, a uniform density 0.37).", "."),
     ),
 }  # fmt: skip
 """Texts of starters, and what they become with an exponent e."""
