@@ -125,7 +125,8 @@ def name_causes(table: Table, seed: int = 0) -> list[Cause]:
     few, evidence = gather(table, SCREENED, seed), gather(table, FITTED, seed)
     screened = {}
     for cause in candidates(few):
-        start = min(LOG_FACTORS, key=lambda log_factor: misfit(*_moments(few, cause, log_factor)))
+        q = [misfit(*few.moments(cause.column, _shift(few, cause, log_factor))) for log_factor in LOG_FACTORS]
+        start = LOG_FACTORS[np.argmin(q)]
         screened[cause] = _fit(few, cause, [0, start])
     best = sorted(screened, key=lambda cause: screened[cause].misfit)[:KEPT]
     # small faults show in many rows only
@@ -149,8 +150,8 @@ def name_causes(table: Table, seed: int = 0) -> list[Cause]:
     return sorted((cause for cause in weighed if cause.share >= SHARE), key=lambda cause: -cause.share)
 
 
-def _moments(evidence: Evidence, cause: Cause, log_factor: float) -> tuple[Floats, Floats]:
-    """Return m and C of a table without the cause."""
+def _shift(evidence: Evidence, cause: Cause, log_factor: float) -> Floats:
+    """Return the logarithm by which a cause raises its column, ``(R,)``."""
     shift = np.full(len(evidence.is_light), log_factor, float)
     if cause.measure:
         shift += cause.power * evidence.measures[cause.measure]
@@ -158,13 +159,13 @@ def _moments(evidence: Evidence, cause: Cause, log_factor: float) -> tuple[Float
         shift *= evidence.labels[cause.where]
     if cause.rows != "all":
         shift *= evidence.is_light == (cause.rows == "light")
-    return evidence.moments(cause.column, shift)
+    return shift
 
 
 def _newton(evidence: Evidence, cause: Cause, log_factor: float = 0) -> tuple[float, float, float]:
     """Return Q with a factor, the step of its logarithm towards the least Q, and half the second derivative of Q."""
-    m, covariance = _moments(evidence, cause, log_factor)
-    slope = (_moments(evidence, cause, log_factor + DELTA)[0] - m) / DELTA
+    m, covariance = evidence.moments(cause.column, _shift(evidence, cause, log_factor))
+    slope = (evidence.terms(cause.column, _shift(evidence, cause, log_factor + DELTA)).sum(axis=1) - m) / DELTA
     towards = solve(covariance, slope)
     curvature = max(float(towards @ slope), 1e-6)
     return misfit(m, covariance), -float(towards @ m) / curvature, curvature

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,8 +42,15 @@ class Evidence:
     measures: dict[str, Floats]
     labels: dict[str, Array]
 
-    def moments(self, column: str = "", shift: Floats | float = 0.0) -> tuple[Floats, Floats]:
-        """Return the sums m ``(J,)``, and their covariance C, with the logarithm of a column lowered by `shift`."""
+    @cached_property
+    def _fixed(self) -> Floats:
+        """Functions that no factor of a column changes: measures without outliers, and labels."""
+        measures = [np.clip(m - np.median(m), -3, 3) for m in self.measures.values()]
+        # the first label may be 1 less the others
+        return np.array([*measures, *[*self.labels.values()][1:]]).reshape(-1, len(self.is_light))
+
+    def terms(self, column: str = "", shift: Floats | float = 0.0) -> Floats:
+        """Return the terms of the sums m, ``(J, R)``, with the logarithm of a column lowered by `shift`."""
         logs = self.logs | ({column: self.logs[column] - shift} if column else {})
         x = np.tanh((logs["p_l"] - logs["p_b"]) / 2)  # (a_l - a_b) / (a_l + a_b)
         estimate = logs["f"] - np.logaddexp(logs["p_l"], logs["p_b"])
@@ -50,11 +58,13 @@ class Evidence:
         middle = estimate[lit].mean() if lit.any() else 0.0
         bounded = 1 / (1 + np.exp(middle - estimate))
         functions = [np.ones_like(x), x, x * x, bounded, bounded * x, bounded * bounded]
-        functions += [np.clip(m - np.median(m), -3, 3) for m in self.measures.values()]
-        functions += [*self.labels.values()][1:]  # the first may be 1 less the others
         # a_b / (a_l + a_b) of light samples, -a_l / (a_l + a_b) of BRDF samples
         signed = np.where(self.is_light, 1 - x, -1 - x) * (self.weight / 2)
-        d = np.add.reduceat(np.stack(functions) * signed, self.starts, axis=1)
+        return np.concatenate([functions, self._fixed]) * signed
+
+    def moments(self, column: str = "", shift: Floats | float = 0.0) -> tuple[Floats, Floats]:
+        """Return the sums m of the terms, ``(J,)``, and their covariance C."""
+        d = np.add.reduceat(self.terms(column, shift), self.starts, axis=1)
         total = d.sum(axis=1)
         covariance = d @ d.T - np.outer(total, total) / d.shape[1]
         return total, covariance
