@@ -75,16 +75,18 @@ def fresh_python(code: str) -> str:
 
 @cache
 def shipped(name: str, resolution: tuple[int, int] | None = None) -> Scene:
-    """Return a scene that comes with dmis, loaded once; None: at its own resolution."""
-    return load_scene(name, resolution)
+    """Return a scene that comes with dmis, made once; None: at its own resolution, others share the triangles."""
+    if resolution is None or resolution == (64, 64):
+        return load_scene(name, resolution)
+    scene = shipped(name, (64, 64))
+    return scene.seen_by(replace(scene.camera, resolution=resolution))
 
 
 def shared_scene(source: Any, resolution: tuple[int, int] | None = None, **options: Any) -> Scene:
-    """Return what `dmis.load_scene` does; the triangles of a scene that comes with dmis are made once, for 64x64."""
+    """Return what `dmis.load_scene` does; a scene that comes with dmis is made once, see `shipped`."""
     if source not in SHIPPED or options:
         return load_scene(source, resolution, **options)
-    scene = shipped(source, resolution and (64, 64))
-    return scene.seen_by(replace(scene.camera, resolution=resolution)) if resolution else scene
+    return shipped(source, resolution)
 
 
 def grid_uniforms(side: int, dtype: type = np.float64, low: float = 0.03, high: float = 0.97) -> Array:

@@ -63,7 +63,7 @@ def test_technique() -> None:
     lines = [line for line in code.splitlines() if line.strip() and not line.startswith(("import", "from"))]
     assert len(lines) <= 10
     exec(code, {})
-    scene = dmis.load_scene("teapot-area-light", resolution=(48, 36))
+    scene = shipped("teapot-area-light", (48, 36))
     balance = dmis.render(scene, "balance", 64, seed=1)
     shares = ("light=0.5,cosine=0.5", "light=0.2,brdf=0.3,cosine=0.5", "light+brdf+cosine")
     for k, share in enumerate(shares):
@@ -154,7 +154,7 @@ def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
     """A third technique that a pilot taught, and a heuristic: balance's mean, equal in threads and processes."""
     plugin(tmp_path, "my_guide", "A technique that a pilot taught", "A heuristic")
     for name, integrator in (("cornell", "path"), ("tt", "direct")):
-        scene = dmis.load_scene(name, resolution=(40, 32))
+        scene = shipped(name, (40, 32))
         render = partial(dmis.render, scene, spp=64, integrator=integrator)
         balance = render("balance", seed=1)
         for seed, rule in enumerate(("guided", "fixed:0.3,combiner=gentle", "second-moment:combiner=gentle"), 2):
@@ -243,7 +243,7 @@ def test_pickled_techniques() -> None:
 def test_sampler() -> None:
     """The same mean as independent samples and a smaller error, in a render and as an option of a rule."""
     exec(block("A sampler"), {"__name__": "mine"})
-    scene = dmis.load_scene("cornell", resolution=(48, 36))
+    scene = shipped("cornell", (48, 36))
     reference = dmis.make_reference(scene, 128)
     independent = dmis.render(scene, "balance", 64, seed=1, sampler="independent")
     even = dmis.render(scene, "balance", 64, seed=2, sampler="r2")

@@ -158,8 +158,11 @@ def stored() -> dict[str, np.ndarray]:
     ("scenes", "step"),
     [(("teapot-area-light", "tt", "ten-lights"), 5), pytest.param(pin_preset.SCENES, 1, marks=pytest.mark.slow)],
 )
-def test_images_are_the_pinned_ones(stored: dict[str, np.ndarray], scenes: tuple[str, ...], step: int) -> None:
+def test_images_are_the_pinned_ones(
+    stored: dict[str, np.ndarray], scenes: tuple[str, ...], step: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A part of the configurations that has each rule, sampler and integrator; the slow test renders all."""
+    monkeypatch.setattr(dmis, "load_scene", shared_scene)
     images = pin_preset.render_all(scenes, step)
     assert len(stored) == len(list(pin_preset.configurations())) == 80
     assert list(pin_preset.differences({name: stored[name] for name in images}, images)) == []

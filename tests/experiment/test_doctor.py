@@ -116,7 +116,7 @@ def test_smallest_error_is_named():
 
 def test_samples_of_one_technique_decide_nothing():
     """Blocks of pixels in which no BRDF sample could have been a light sample: there is nothing to compare."""
-    scene = dmis.load_scene("cornell", (24, 24))
+    scene = shared_scene("cornell", (24, 24))
     for seed in range(6):
         diagnosis = dmis.doctor(dmis.samples(scene, spp=16, seed=seed))
         assert diagnosis.healthy

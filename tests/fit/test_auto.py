@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.base.patches import COLOURS, PATCH, by_colour, patch_spread, patch_sum
@@ -500,7 +501,7 @@ def test_errors() -> None:
 @cache
 def spiky(side: int) -> dmis.Scene:
     """Return a scene with spikes: a glossy body that few samples find a bright lamp on; 12 blocks of side x side."""
-    return dmis.load_scene("killeroo-gold", resolution=(4 * side, 3 * side))
+    return shared_scene("killeroo-gold", (4 * side, 3 * side))
 
 
 def blocks(rule: str, spp: int, seeds: range, side: int) -> Array:
