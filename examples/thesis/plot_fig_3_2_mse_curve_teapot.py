@@ -16,7 +16,7 @@ from dmis.base.color import luminance
 from dmis.examples.gallery import options, print_canvas
 
 opts, _ = options("plot_fig_3_2_mse_curve_teapot", __doc__)
-SPP = opts.pick(64, 2048)
+SPP = opts.pick(16, 2048)
 PILOTS = opts.pick(5, 40)
 PATCH = opts.pick(4, 16)
 

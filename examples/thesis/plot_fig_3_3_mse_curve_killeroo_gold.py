@@ -17,7 +17,7 @@ from dmis.base.color import luminance
 from dmis.examples.gallery import options, print_canvas
 
 opts, _ = options("plot_fig_3_3_mse_curve_killeroo_gold", __doc__)
-SPP = opts.pick(64, 8192)
+SPP = opts.pick(16, 8192)
 PILOTS = opts.pick(5, 40)
 PATCH = opts.pick(4, 16)
 
