@@ -37,14 +37,15 @@ def test_hand_ins_get_the_right_verdict(hand_in: str) -> None:
 
 
 @pytest.mark.parametrize("number", range(1, len(marks.CHECKS) + 1))
-@pytest.mark.parametrize("seed", [0, 5])
-def test_marks_are_of_all_checks(number: int, seed: int, monkeypatch) -> None:
-    """A right solution has as many outcomes as marks count, and passes with other numbers; not another task's."""
-    monkeypatch.setattr(grading, "SEED", seed)
+def test_marks_are_of_all_checks(number: int, monkeypatch) -> None:
+    """A right solution has as many outcomes as marks count, and passes with other numbers; not another task's.
+
+    That it passes with the published numbers is a test of `test_exercises`.
+    """
+    monkeypatch.setattr(grading, "SEED", 5)
     outcomes = check(number, solution(number))
     assert len(outcomes) == marks.CHECKS[number - 1]
-    public = not seed or number not in grading.EXPONENTS
-    assert all(outcome.passed for outcome in outcomes) == public
+    assert all(outcome.passed for outcome in outcomes) == (number not in grading.EXPONENTS)
 
 
 def test_numbers_of_another_seed_are_others(monkeypatch) -> None:
@@ -81,7 +82,7 @@ def lamp_variance(t):
 MIRROR = HEAD + "def mirror(wo, n):\n    "
 SOLUTION = str(FOLDER / "solutions" / "01_mirror.py")
 DISHONEST = {
-    "hang_1": ("while True: pass", "did not finish in 3 s"),
+    "hang_1": ("import time\nwhile True: time.sleep(9)", "did not finish in 1 s"),
     "exit-01": ("print('all 4 checks passed')\nimport sys\nsys.exit(0)", "raised SystemExit: 0"),
     "1_abrupt": ("import os\nos._exit(0)", "ended the process before"),
     "ann/01_mirror": (f"open({SOLUTION!r}).read()", "must not read the solutions"),
@@ -101,7 +102,7 @@ def test_a_folder_is_marked(tmp_path: Path) -> None:
         path = tmp_path / "handins" / f"{name}.py"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, "utf-8")
-    command = [sys.executable, CHECKS, "--folder", "handins", "--csv", "marks.csv", "--seconds", "3", "--memory", "1"]
+    command = [sys.executable, CHECKS, "--folder", "handins", "--csv", "marks.csv", "--seconds", "1", "--memory", "1"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True)
     assert "4/4" in done.stdout and "all 4 checks passed" not in done.stdout
     with (tmp_path / "marks.csv").open(encoding="utf-8", newline="") as stream:

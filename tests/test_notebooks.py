@@ -18,9 +18,8 @@ pytest.importorskip("matplotlib")
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted((ROOT / "examples").glob("*/plot_*.py"))
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("?_*.py"))
-QUICK = ("plot_fig_2_1_variance", "plot_fig_3_2_mse_curve_teapot", "plot_models")
-"""Notebooks that the fast tests run, too: of a scene of the thesis, of curves that two figures share, of a script in
-``scenes``."""
+QUICK = ("plot_fig_2_1_variance", "plot_models")
+"""Notebooks that the fast tests run, too: of a scene of the thesis, of a script in ``scenes``."""
 NO_CHECKOUT = """import os, sys
 sys.path[:] = [entry for entry in sys.path if not os.path.exists(entry + "/pyproject.toml")]
 """
