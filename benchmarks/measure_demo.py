@@ -44,7 +44,7 @@ def sentences() -> dict[str, list[str]]:
     return {
         "README.md": [
             f"errors of the whole: 1, {shown['thesis']:.2f} and {shown['auto']:.2f}]",
-            f"rule has {low} to {high} of that MSE, `auto` {least} to {most};",
+            f"rule is {low} to {high} and the MSE of `auto` {least} to {most}",
             "{} to {} and {} to {}".format(*(values[k] for values in relative for k in (0, -1))),
         ]
     }

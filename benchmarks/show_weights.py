@@ -285,7 +285,7 @@ def sentences() -> dict[str, list[str]]:
         "README.md": [
             f"save {tilts[2]} of the MSE on the teapot, {tilts[0]} on KILLEROO DIFFUSE and at most "
             f"{100 * max(gold, tt):.0f} % on the other two scenes",
-            f"nearly as much there, {saved(of('one tilt', pot))} and {saved(of('one tilt', diffuse))}.",
+            f"nearly as much, {saved(of('one tilt', pot))} and {saved(of('one tilt', diffuse))}.",
             "weights save {} in geometric mean over eight scenes instead of {}".format(*mean),
         ],
         "what-weights-save.md": [
