@@ -45,8 +45,11 @@ def errors(rows: list[dict[str, str]]) -> list[str]:
 def noise(rows: list[dict[str, str]]) -> str:
     """Return a sentence on the references."""
     shares = {row["scene"]: float(row["noise"]) for row in rows}
-    texts = [f"{scene} {share:.1%}" + " (**more than 5 %**)" * (share > 0.05) for scene, share in shares.items()]
-    return f"Noise of the references over the smallest error of the scene: {', '.join(texts)}."
+    texts = [
+        f"{100 * share:.1f} %{' (**more than 5 %**)' * (share > 0.05)} on {scene}" for scene, share in shares.items()
+    ]
+    last = texts.pop()
+    return f"The noise of a reference, over the smallest error of its scene, is {', '.join(texts)} and {last}."
 
 
 def speeds() -> list[str]:
