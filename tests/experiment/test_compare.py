@@ -190,6 +190,7 @@ def test_bad_input(tmp_path, capsys, monkeypatch, more, message):
     assert message in error and len(error.splitlines()) == 1
 
 
+@pytest.mark.usefixtures("drawn")
 def test_compare_scenes(tmp_path, capsys):
     """Several scenes have a folder each and one page; means over them; the same command renders nothing again."""
     out = tmp_path / "out"
