@@ -2,10 +2,11 @@
 Oracle and regret
 =================
 
-How good could shares of light samples be at all? From thousands of samples the variance
-curve of every patch is known, and with it the best share: the oracle. A rule that sees
-six samples is judged by its regret, patch by patch, by the part of the oracle's saving
-that it reaches, and by the part of the patches in which it does harm.
+How much can shares of light samples save at best? Thousands of samples give the
+variance curve of every patch, and so its best share: the oracle. The figure judges
+rules that learn from six samples in three ways: by the regret of each patch, by the
+fraction of the oracle's saving that the rule reaches, and by the fraction of harmed
+patches.
 """
 
 import dmis
@@ -21,8 +22,9 @@ RULES = {
 }
 
 # %%
-# The oracle of each scene, at half of the usual size; and the shares of the rules,
-# which need their pilots only. Skies are not compensated: shares are learned for them.
+# Compute the oracle of each scene at half of the usual size, and the shares of the
+# rules, which need only their pilots. Without sky compensation shares are learned for
+# skies, too.
 figure, axes = print_canvas(2 + len(RULES), 4, 5.4, width_ratios=[1, 1.33, 1.33, 1.8])
 captions = []
 for column, name in zip(axes.T, SCENES, strict=True):

@@ -3,10 +3,11 @@ Patch size and pilot size
 =========================
 
 The thesis tries patches from 4x4 to 32x32 pixels and pilots of 2 or 4 samples per
-strategy, and reports one choice. Here is the experiment: small patches follow the
-image, but know little; large ones know more, of places that differ. Larger pilots know
-more, and leave less to use it for. The budget is always the same, pilot included,
-samples are independent, and w is the share of light samples.
+strategy, and reports one choice. This figure compares them. Small patches follow the
+image, but contain few samples; large patches contain more samples, but of places that
+differ. Larger pilots measure better, but leave fewer samples for the final pass. The
+budget is always the same, pilot included, samples are independent, and w is the share
+of light samples.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((4, 8, 16, 32), (2, 4)))
 SEEDS = opts.pick(1, 4)
 
 # %%
-# Half of the usual size in each direction, because there is so much to render.
+# Render at half of the usual side length, because there are many renders.
 results = {}
 for name in SCENES:
     scene = opts.scene(name, 2 * opts.shrink)
@@ -55,7 +56,7 @@ for name in SCENES:
     )
 
 # %%
-# One panel per scene, one line per pilot.
+# Draw one panel per scene, with one line per pilot size.
 figure, axes = print_canvas(2, 2, 4.6, sharex=True)
 colours = ["tab:red", "tab:green", "tab:blue"]
 for axis, (name, ratios) in zip(axes.flat, results.items(), strict=True):

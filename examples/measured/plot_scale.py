@@ -2,15 +2,17 @@
 Pixels, samples, triangles: what more of them cost
 ==================================================
 
-A bumpy ball on a floor under a disk light, with the balance heuristic on one thread:
-images up to 4096x4096 pixels, up to 4096 samples per pixel, geometry up to two million
-triangles. Time is in proportion to camera samples, whichever way there come to be more
-of them; memory grows with pixels and triangles and not with samples. What would take a
-day, 4096 samples in each of 4096x4096 pixels, is extrapolated, and marked so.
+A bumpy ball lies on a floor under a disk light, rendered with the balance heuristic on
+one thread. Images have up to 4096x4096 pixels and 4096 samples per pixel; the ball has
+up to two million triangles. Time is proportional to the number of camera samples,
+whether there are more pixels or more samples per pixel. Memory grows with pixels and triangles,
+but not with samples. A render of 4096 samples in each of 4096x4096 pixels would take a
+day; its time is extrapolated, and marked so.
 
-Measuring takes some minutes (``--measure``), each case in a process of its own, whose
-peak of memory is its own; the numbers are kept in ``data/scale.json``, and drawn from
-there. ``--quick`` measures small cases and keeps nothing.
+Measuring takes some minutes (``--measure``). Each case runs in a separate process, so
+that its peak memory can be measured. The script keeps the numbers in
+``data/scale.json`` and draws them from there. ``--quick`` measures small cases and
+keeps nothing.
 """
 
 import json

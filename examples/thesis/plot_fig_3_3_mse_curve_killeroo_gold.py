@@ -70,7 +70,7 @@ def minimum(y):
 
 
 # %%
-# **What the rule has**: the same three points, by a pilot of two samples per pixel.
+# **What the rule measures**: the same three points, by a pilot of two samples a pixel.
 learned = {
     colour: [
         minimum([variance(colour, w, 2, 3 * k + j) for j, w in enumerate(THREE)])
