@@ -5,9 +5,9 @@ Pixels, samples, triangles: what more of them cost
 A bumpy ball lies on a floor under a disk light, rendered with the balance heuristic on
 one thread. Images have up to 4096x4096 pixels and 4096 samples per pixel; the ball has
 up to two million triangles. Time is proportional to the number of camera samples,
-whether there are more pixels or more samples per pixel. Memory grows with pixels and triangles,
-but not with samples. A render of 4096 samples in each of 4096x4096 pixels would take a
-day; its time is extrapolated, and marked so.
+whether there are more pixels or more samples per pixel. Memory grows with pixels and
+triangles, but not with samples. A render of 4096 samples in each of 4096x4096 pixels
+would take a day; its time is extrapolated, and marked so.
 
 Measuring takes some minutes (``--measure``). Each case runs in a separate process, so
 that its peak memory can be measured. The script keeps the numbers in
