@@ -31,7 +31,7 @@ BEYOND = 256
 """Budget of `SOBOL` alone, because other rules take up to twice as long."""
 HELD_OUT = {"veach-mis": (240, 180), "ten-lights": (200, 150)}
 """Held-out scenes and their resolutions."""
-MORE_SEEDS = {"killeroo-gold": 4}
+MORE_SEEDS = {"killeroo-gold": 18}
 """Seeds more than for other scenes at 128 spp, where few pixels have most of the error."""
 
 

@@ -67,7 +67,7 @@ def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
     """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
     patterns = PatternMap(PATTERNS, pattern)
-    job = resolve(scene, "balance", SAMPLES, 0, dmis.Settings(sampler="sobol", compensation=0.9))
+    job = resolve(scene, "balance", SAMPLES, 0, dmis.Settings(sampler="sobol"))
     equal_numbers = Round(SAMPLES, shares_of(0.5), job.settings, patterns=patterns, stage="final")
     images = []
     for seed in seeds:

@@ -178,6 +178,6 @@ def sentences() -> dict[str, list[str]]:
         "measurements.md": [
             f"at {budgets()[0]} samples {overhead[0]:.0f} to {overhead[-1]:.0f} % of that of `auto`",
             f"On KILLEROO GOLD `auto` has {of_gold.text()} times the relMSE",
-            f"the median of the seeds is at {of_gold.value * median(errors) / fmean(errors):.2f}",
+            f"The median of the seeds is at {of_gold.value * median(errors) / fmean(errors):.2f}",
         ],
     }
