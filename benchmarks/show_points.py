@@ -170,7 +170,7 @@ def sentences() -> dict[str, list[str]]:
             f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} % of the relative error",
             f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % of the squared error on all six",
             f"Sobol points leave {points} of the relMSE of independent points",
-            f"sky compensation {percent(mean_of('sky compensation', 'relmse'))} on TT",
+            f"(docs/rules.md#sky-compensation) {percent(mean_of('sky compensation', 'relmse'))} on TT",
             f"numbers of samples per pixel and light {numbers}",
             f"learned shares {shares}",
             f"`auto` leaves {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE",

@@ -1,7 +1,7 @@
 """Exercise 23 (medium): weights if some samples come from mirrors.
 
-Each row is a sample of a surface that may have a mirror's lobe. Return the contribution
-of each row with the balance heuristic, for one sample of each technique.
+Each element of the arrays is one shading sample. The material there may have a mirror's
+lobe. Return the contribution of each sample with the balance heuristic, for one sample of each technique.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 23 mine.py``.
 """
