@@ -159,7 +159,7 @@ def sentences() -> dict[str, list[str]]:
     rows = read_rows(CSV)
     found, named = (sum(row[column] == "True" for row in rows) for column in ("found", "named"))
     all_found = "all " if found == len(rows) else f"{found} of "
-    return {"doctor.md": [f"The doctor detects {all_found}{len(rows)} planted faults and names {named};"]}
+    return {"doctor.md": [f"The doctor detects {all_found}{len(rows)} planted faults and names {named}."]}
 
 
 def false_alarms(shape: tuple[int, int] | int, seeds: range, spp: int = 16) -> None:

@@ -1,7 +1,8 @@
 """Exercise 23 (medium): weights if some samples come from mirrors.
 
 Each element of the arrays is one shading sample. The material there may have a mirror's
-lobe. Return the contribution of each sample with the balance heuristic, for one sample of each technique.
+lobe. Return the contribution of each sample with the balance heuristic, for one sample
+of each technique.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 23 mine.py``.
 """
