@@ -61,7 +61,8 @@ camera = dmis.Camera.look_at((0, -6, 3), (0, 0, -0.3), fov=36, resolution=RESOLU
 # The batch: camera samples
 # -------------------------
 # A pixel is the mean over *camera samples*: rays through random points of the pixel.
-# Here a pixel has 16 of them. The batch contains the N camera samples of all pixels.
+# Here each pixel takes 16 camera samples. The batch contains the N camera samples of
+# all pixels.
 #
 # One number per ray is an array ``(N,)``. One vector per ray is an array ``(3, N)``,
 # with all x in the first row, all y in the second, all z in the third. So NumPy works
@@ -124,7 +125,7 @@ points = SimpleNamespace(n=n, wo=wo, cos_o=dot(n, wo), tangents=frame(n))
 # point of the light. *BRDF sampling* draws a direction from the lobe, and then tests
 # whether this direction hits the light. Both return directions ``wi`` ``(3, M)``,
 # ``distance``, ``radiance``, ``emits`` (true if the direction hits the light), and
-# ``pdf``. The last is the density with which light sampling picks this direction. On a
+# ``pdf``. ``pdf`` is the density with which light sampling picks this direction. On a
 # light of area A, at the distance r, with the angle :math:`\theta_l` at the light, this
 # density is
 #
@@ -194,15 +195,15 @@ for axis, values, title in zip(axes.flat, arrays, titles, strict=True):
 # Is it right?
 # ------------
 # `dmis.render` computes the same integral with its own random numbers. So the two
-# images may differ only by noise. Their difference over its standard error is
+# images may differ only by noise. Their difference divided by its standard error is
 #
 # .. math::
 #
 #    z = \frac{x - y}{\sqrt{\sigma_x^2 + \sigma_y^2}}
 #
 # With many samples z is normally distributed: :math:`|z| > 2` in 4.6 % of the pixels.
-# With 16 samples this is nearly true. The z of the mean of the whole image is between
-# -3 and 3 in 99.7 % of such tests.
+# With 16 samples, z is nearly normally distributed. The z of the mean of the whole
+# image is between -3 and 3 in 99.7 % of such tests.
 material = dmis.Material((lobe,), "metal")
 scene = dmis.Scene(camera, (dmis.Part(mesh, material),), (light,))
 result = dmis.render(scene, "balance", spp, seed=2, sampler="independent")
@@ -220,8 +221,8 @@ shown = plot.heat(axes[2], z, title, cmap="RdBu", vmin=-4, vmax=4)
 figure.colorbar(shown, ax=axes[2], label="z")
 
 # %%
-# This is all of direct lighting. The page "The estimator in sixty lines" has code for
-# any scene. The next tutorials are about the noise.
+# These are all steps of direct lighting. The page "The estimator in sixty lines" has
+# code for any scene. The next tutorials are about the noise.
 #
 # Exercises
 # ---------
@@ -235,7 +236,7 @@ figure.colorbar(shown, ax=axes[2], label="z")
 #    (``03_direct_light.py``).
 #
 # To think about: set w = 0.9 in :math:`p_w`, but keep one sample of each technique.
-# What does the test say, and why? Leave out V: in which pixels does z show the error?
-# Use ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
+# What does the test of the mean say, and why? Leave out V: in which pixels does z show
+# the error? Use ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
 for path in plot.show("0_one_batch"):
     print(path)

@@ -49,7 +49,7 @@ RESOLUTION = (80, 80) if QUICK else (320, 320)
 #    X_i = \frac{f(\omega_i)}{p(\omega_i)} = 2 \pi u_i\ \mbox{ where } u_i > \cos T,
 #    \mbox{ else } 0
 #
-# We know the answer here, so we can see how wrong each estimate is.
+# Here we know the exact integral, so we can see the error of each estimate.
 half_angle = np.radians(25)
 exact = np.pi * np.sin(half_angle) ** 2
 rng = np.random.default_rng(1)
@@ -164,9 +164,9 @@ for n, result in images.items():
 
 # %%
 # With four times the samples the error falls to a quarter, and the renderer's own
-# estimate agrees. But this is slow. The eye sees the square root of the variance, so
-# half of the noise needs four times as many samples. Better samples have less variance
-# each. The other tutorials are about such samples.
+# estimate agrees. But the noise falls slowly: the eye sees the square root of the
+# variance, so half of the noise needs four times as many samples. It is better to lower
+# the variance of each sample, as the other tutorials do.
 #
 # Exercises
 # ---------

@@ -104,8 +104,8 @@ plot.picture(axes[0], brdf.image, "BRDF sampling, w = 0")
 plot.picture(axes[1], light.image, "light sampling, w = 1")
 
 # %%
-# BRDF sampling is good for large lamps in smooth plates: all reflected directions hit
-# the lamp. Small lamps show only as sparks.
+# BRDF sampling is good for large lamps in smooth plates: all sampled directions hit the
+# lamp. Few directions hit a small lamp, so its reflection is a set of bright specks.
 #
 # Light sampling is good for small lamps, for rough plates and for walls. But a smooth
 # plate reflects only a few points of a large lamp to the viewer. These points have a
@@ -128,11 +128,11 @@ figure.colorbar(shown, ax=axis, label="log₁₀ of variance, BRDF / light")
 # Neither technique wins everywhere. Smooth plates with large lamps are red; rough
 # plates and small lamps are blue.
 #
-# The dark red patches at the left and around the reflections are wrong. There BRDF
+# The dark red patches at the left and around the reflections mislead. There BRDF
 # sampling found no light at all, and the variance of samples that are all zero is 0.
 # Tutorial 5 is about this trap.
 #
-# Errors against a reference avoid the trap. Here is the ratio of the mean squared
+# Errors measured with a reference avoid the trap. Here is the ratio of the mean squared
 # errors for each plate and lamp, in the region of the reflection, with its 95 %
 # interval.
 reference = dmis.make_reference(scene, 16)

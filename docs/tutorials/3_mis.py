@@ -54,8 +54,8 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 #
 # Other heuristics prefer the larger density more strongly. The power heuristic squares
 # the terms :math:`w\, p_l` and :math:`(1 - w)\, p_b`. The cutoff heuristic drops a term
-# below a tenth of the larger one. The maximum heuristic takes only the larger one. Here
-# are the weights for two densities on a line.
+# that is below a tenth of the other. The maximum heuristic keeps only the larger term.
+# Here are the weights for two densities on a line.
 x = np.linspace(-1, 1, 401, dtype=np.float32)
 p_l = np.exp(-0.5 * (x / 0.1) ** 2) / (0.1 * np.sqrt(2 * np.pi))
 p_b = np.exp(-0.5 * (x / 0.4) ** 2) / (0.4 * np.sqrt(2 * np.pi))
@@ -102,8 +102,8 @@ plot.picture(axis, result.image, "one light + one BRDF sample, balance heuristic
 # %%
 # What does each technique contribute? The image is the sum of two images: the mean of
 # :math:`W_l f / p_l` over light samples, and the mean of :math:`W_b f / p_b` over BRDF
-# samples. The third picture shows the light samples' fraction in false colours: blue
-# means only light samples, red only BRDF samples.
+# samples. The third picture shows in false colours which fraction the light samples
+# contribute: blue means only light samples, red only BRDF samples.
 table = dmis.samples(scene, spp=16, seed=1, sampler="independent")
 light, brdf = (table.rows(table.technique == k).radiance().mean(axis=0) for k in (0, 1))
 figure, axes = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained")
@@ -119,9 +119,9 @@ figure.colorbar(shown, ax=axes[2], label="0: BRDF samples only, 1: light samples
 
 # %%
 # The image is good wherever one of the two techniques is good. Here are errors at equal
-# samples over the error of ``balance``, with 95 % intervals. We compare only the part
-# of the image below the lamps, because at the lamps' edges no choice of directions
-# matters.
+# samples divided by the error of ``balance``, with 95 % intervals. We compare only the
+# part of the image below the lamps, because the choice of directions does not change
+# the noise at the lamps' edges.
 scale = RESOLUTION[0] / 480
 below = slice(int(60 * scale), None)
 rules = (
@@ -160,8 +160,8 @@ for rule in rules:
 #    \qquad p_w = w\, p_l + (1 - w)\, p_b
 #
 # D is the difference between the means of :math:`f / p_w` over light and over BRDF
-# samples. Here is the measured error over the error at w = 1/2, for several shares at
-# three places of the image.
+# samples. Here is the measured error divided by the error at w = 1/2, for several
+# shares at three places of the image.
 shares = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 known = {0: "fixed:0", 0.5: "balance", 1: "fixed:1"}
 maps = [errors[known[w]] if w in known else errors_of(f"fixed:{w}") for w in shares]
@@ -204,6 +204,7 @@ axis.legend()
 #
 # To think about: why are w = 0 and w = 1 dangerous? Look at :math:`f / p_w` where
 # :math:`p_b` is close to 0. The combiner ``optimal`` (Kondapaneni et al. 2019) fits f
-# by both densities and needs many samples: from how many samples on is it better here?
+# by both densities and needs many samples. From how many samples on is it better than
+# ``balance`` here?
 for path in plot.show("3_mis"):
     print(path)

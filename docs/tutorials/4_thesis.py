@@ -70,8 +70,8 @@ for axis, (title, (is_light, area)) in zip(axes, readings.items(), strict=True):
 #
 # The pilot renders two camera samples per pixel at each of three weights: w = 0 (BRDF
 # sampling), w = 1/2 (the balance heuristic) and w = 1 (light sampling). The rule
-# ``fixed`` renders with one weight for all pixels. (``weigh=samples`` is the first
-# reading.)
+# ``fixed`` renders with one weight for all pixels. (With ``weigh=samples``, w divides
+# the samples.)
 #
 # Here we render each sample as a separate image, so the array of samples is
 # ``(2, height, width, 3)``. As in the thesis, points are independent.
@@ -242,11 +242,11 @@ for k in (1, 2):
 #     (``15_keep_the_pilot.py``).
 #
 # To play: ``python -m dmis play veach-mis -o play.html`` writes a page where you paint
-# w yourself, and compare it with the map of this rule and the best map. Where does the
-# rule lose?
+# w yourself, and compare your map with the map of this rule and the best map. Where
+# does the rule lose?
 #
 # To think about: try ``thesis:patch=1`` and ``thesis:patch=40``. What is wrong with
-# each? Omit the filter with ``thesis:filter=none``. Does the error agree with your
-# impression of the weight maps?
+# each patch size? Omit the filter with ``thesis:filter=none``. Does the error agree
+# with your impression of the weight maps?
 for path in plot.show("4_thesis"):
     print(path)

@@ -92,13 +92,13 @@ axes[1].set_title("the same, enlarged")
 axes[0].legend()
 
 # %%
-# A variance is a sum of terms like :math:`1 / (w\, p_l + (1 - w)\, p_b)`: it is steep
+# The variance is a sum of terms like :math:`1 / (w\, p_l + (1 - w)\, p_b)`: it is steep
 # at the ends and flat between them. The parabola dips below zero although its points
 # are exact. If one end is far above the other points, the minimum of the parabola is
 # near 3/4 or 1/4, wherever the best share is.
 #
-# But this minimum is on the right side of 1/2, where the curve is lower. If a curve
-# only falls or only rises, the exact parabola never loses; it only misses a part of the
+# But this minimum is on that side of 1/2 where the curve is lower. If a curve only
+# falls or only rises, the exact parabola never loses; it only misses a part of the
 # gain. The proof is on the page "Theory: proofs and extensions".
 half = curve[HALF]
 for name, value in (
@@ -168,8 +168,8 @@ print(f"best shares: {oracle.limit():.2f}")
 # In numbers
 # ----------
 # On the diffuse killeroo light sampling is nearly always better, and BRDF sampling has
-# spikes. Here are the errors at equal samples over the error of ``balance``, from five
-# seeds.
+# spikes. Here are the errors at equal samples divided by the error of ``balance``, from
+# five seeds.
 side = (20, 15) if QUICK else (160, 120)
 scene = dmis.load_scene("killeroo-diffuse", resolution=side)
 reference = dmis.make_reference(scene, 32 if QUICK else 128)
@@ -184,9 +184,9 @@ for rule in rules[1:]:
 # %%
 # ``second-moment`` wins. ``thesis`` (with shares) loses. The page "The thesis in short"
 # reports a gain on this scene, with 128 samples and larger patches. Here the pilot
-# takes six of only 32 samples: even with equal shares the error would be 32/26 = 1.23.
-# Besides, patches of 8 by 8 pixels miss spikes. With patches of 16 by 16 the ratio is
-# 1.14 ± 0.05, and with 128 samples 0.95 ± 0.03.
+# takes six of only 32 samples: even with equal shares the ratio would be 32/26 = 1.23,
+# because only 26 samples make the image. Besides, patches of 8 by 8 pixels miss spikes.
+# With patches of 16 by 16 the ratio is 1.14 ± 0.05, and with 128 samples 0.95 ± 0.03.
 #
 # Why low-discrepancy points beat shares
 # --------------------------------------
@@ -216,7 +216,7 @@ axis.set_ylabel("mean squared error")
 axis.legend()
 
 # %%
-# Shares still help with such points: they reduce the remaining noise of edges and
+# Shares still help with Sobol points: they reduce the remaining noise of edges and
 # shadows. The page "Low-discrepancy points" explains the points, and the page "How the
 # learned rules work" explains ``auto``.
 #

@@ -9,8 +9,8 @@ After this tutorial you can
 * write a rule that decides how many samples each technique gets;
 * compare your rule with others, in a table with intervals.
 
-Each takes a few lines of code, and then works like a built-in one in `render`, in
-`compare`, in plots and in tables.
+Each extension takes a few lines of code, and then works like a built-in one in
+`render`, in `compare`, in plots and in tables.
 """
 
 import os
@@ -129,8 +129,8 @@ scene = make_scene(velvet, name="velvet-ring")
 # %%
 # Is the lobe right? If ``pdf`` is not the density of ``sample``, every image is wrong
 # but looks right. One check works for any model: all techniques must agree. Light
-# sampling never calls ``sample``, while BRDF sampling needs all three methods. Their
-# images may differ only by noise.
+# sampling never calls ``sample``, while BRDF sampling needs all three methods. The
+# images of the two may differ only by noise.
 images = [
     dmis.render(scene, f"fixed:{w}", 32, seed=w, sampler="independent") for w in (0, 1)
 ]
@@ -200,10 +200,10 @@ axis.imshow(plt.imread(output / "convergence.png"))
 axis.set_axis_off()
 
 # %%
-# How to read the table: "relMSE / balance" and "MSE / balance" are errors over those of
-# ``balance`` at equal samples, with 95 % intervals over the seeds. A rule wins if its
-# whole interval is below 1. "relMSE·CPU s / balance" and "MSE·CPU s / balance" are
-# ratios of error times CPU time.
+# How to read the table: "relMSE / balance" and "MSE / balance" are errors divided by
+# those of ``balance`` at equal samples, with 95 % intervals over the seeds. A rule wins
+# if its whole interval is below 1. "relMSE·CPU s / balance" and "MSE·CPU s / balance"
+# are ratios of error times CPU time.
 #
 # The images are EXR files. They contain the shares as a layer, and a text with
 # everything needed to repeat the render.
@@ -234,8 +234,8 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 # 19. *Easy.* Divide a budget over pixels by variance and cost
 #     (``19_sample_counts.py``).
 # 20. *Medium.* Give velvet a density that fits it better (``20_velvet.py``).
-# 21. *Hard.* Write a rule whose error over that of ``balance`` is below 0.85 on two
-#     scenes, one for each technique, with the whole interval (``21_rule.py``).
+# 21. *Hard.* Write a rule for two scenes, one for each technique. Its error divided by
+#     that of ``balance`` must be below 0.85, with the whole interval (``21_rule.py``).
 #
 # To think about: let `Quieter` learn from standard deviations instead of variances
 # (Neyman's allocation). When is this better?

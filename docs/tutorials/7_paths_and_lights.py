@@ -117,9 +117,10 @@ def estimates(table, weight="balance"):
 
 # %%
 # The mean is the same for all probabilities, if every visible lamp has a probability
-# above 0. But the noise differs: important lamps should be picked often. Probabilities
-# in proportion to power are a good start. Here is the noise of uniform probabilities
-# and of probabilities by power, each with the balance heuristic.
+# above 0. But the noise depends on the probabilities: lamps that give much light should
+# be picked often. Probabilities in proportion to power are a good start. Here is the
+# noise of uniform probabilities and of probabilities by power, each with the balance
+# heuristic.
 power = RADIANCE * AREA
 choices = {"evenly": np.full(4, 0.25), "by power": power / power.sum()}
 figure, axes = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained")
@@ -190,7 +191,8 @@ print(f"lamps in the mirror: {light_seen.mean():.3f}, weighed: {weighed.mean():.
 # %%
 # The lamps in the mirror are too dark, most of all small lamps, for which p_l is large.
 # The doctor cannot find this fault: it compares rows that both techniques could draw,
-# and here no such row exists. Delta lobes belong neither in its tables nor in MIS.
+# and here no such row exists. Delta lobes belong neither in the doctor's tables nor in
+# MIS.
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
 for name, values in (("right", light_seen), ("weighed", weighed)):
     axis.plot(x, values.reshape(PIXELS, SPP)[:, 0], label=name, drawstyle="steps-mid")
@@ -242,8 +244,9 @@ plot.picture(axes[0], images[0], "one surface")
 plot.picture(axes[1], deep.image, "paths of five surfaces")
 
 # %%
-# Paths never end by themselves. Russian roulette ends a path of throughput T < 1 with
-# probability 1 - T and divides the surviving paths by T, so the mean stays the same.
+# Without a rule to stop, a path would never end. Russian roulette ends a path of
+# throughput T < 1 with probability 1 - T and divides the surviving paths by T, so the
+# mean stays the same.
 #
 # In scenes with four lamps or more, dmis picks one lamp per sample, as in the first
 # part, at all surfaces after the first. The probabilities come from a tree of the
@@ -260,6 +263,6 @@ plot.picture(axes[1], deep.image, "paths of five surfaces")
 # 24. *Hard.* Compute the radiance of paths, and count all light once (``24_once.py``).
 #
 # To think about: a lamp that is hidden from a point has q > 0 there. What does this
-# cost, and what would q = 0 cost at other points?
+# cost? If q were 0 for this lamp, what would be wrong at points that see the lamp?
 for path in plot.show("7_paths_and_lights"):
     print(path)
