@@ -22,7 +22,7 @@ def direct_light(p, n, albedo, light, u):
     albedo
         Share of the light that the surface reflects, by channel, ``(3, 1)``.
     light
-        A `dmis.QuadLight`. ``light.sample(p, u)`` has ``wi`` ``(3, N)``,
+        A `dmis.QuadLight`. ``light.sample(p, u)`` holds ``wi`` ``(3, N)``,
         ``radiance`` ``(3, N)`` or ``(3, 1)``, ``emits`` and ``pdf`` ``(N,)``.
     u
         Uniform numbers, ``(2, N)``.

@@ -1,8 +1,8 @@
 """Exercise 17 (medium): the second moment at every share, from one pilot.
 
-The pilot has w = 1/2, so its samples have the density q = (p_l + p_b) / 2. What would a
-sample count at another share w, and how often would it occur? Express p_w / q by w and
-d.
+The pilot has w = 1/2, so its samples have the density q = (p_l + p_b) / 2. At another
+share w, what would be the value of a sample, and how often would it occur? Express p_w
+/ q by w and d.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 17 mine.py``.
 """

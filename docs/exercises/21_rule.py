@@ -3,8 +3,8 @@
 Your rule renders two scenes of 64 by 36 pixels with 32 samples per pixel, including the
 pilot. Light samples are better on the teapot below its lamp, and BRDF samples are
 better on the car under its sky (``tt-overcast``). On both scenes the whole 95 %
-interval of the error over that of ``balance`` must be below 0.85, and the image must be
-unbiased. No constant share achieves this, so ``fit`` must learn from the pilot.
+interval of your error divided by that of ``balance`` must be below 0.85, and the image
+must be unbiased. No constant share achieves this, so ``fit`` must learn from the pilot.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 21 mine.py``.
 """
