@@ -46,9 +46,9 @@ RESOLUTION = (96, 72) if QUICK else (320, 240)
 # ---------
 # A ball lies on a floor, under a square light. Ball and floor are of the same metal.
 #
-# A mesh has ``vertices`` ``(V, 3)`` and ``faces`` ``(F, 3)``. A face is a triangle: the
-# numbers of its three corners. A *lobe* is a part of a BRDF. This metal has a single
-# lobe, made of rough microfacets.
+# A mesh has ``vertices`` ``(V, 3)`` and ``faces`` ``(F, 3)``. A face is a triangle,
+# given by the numbers of its three vertices. A *lobe* is a part of a BRDF. This metal
+# has a single lobe, made of rough microfacets.
 ball = trimesh.creation.icosphere(4)
 floor = trimesh.creation.box((12, 12, 0.1)).apply_translation((0, 0, -1.05))
 shapes = trimesh.util.concatenate([ball, floor])

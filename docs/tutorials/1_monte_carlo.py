@@ -68,9 +68,9 @@ for n, values in estimates.items():
     print(f"{n:5d} directions: mean {values.mean():.4f}, variance {values.var():.6f}")
 
 # %%
-# The estimates are right on average, however few directions they use. They are
-# *unbiased*: :math:`\mathrm{E}[\hat I] = I`. But their *variance*, the mean of their
-# squared distance from I, depends on n:
+# On average the estimates are right, even with few directions. They are *unbiased*:
+# :math:`\mathrm{E}[\hat I] = I`. But their *variance*, the mean of their squared
+# distance from I, depends on n:
 #
 # .. math::
 #

@@ -39,12 +39,12 @@ scene = dmis.load_scene("teapot-area-light", resolution=(SIDE, SIDE))
 # Two readings of w
 # -----------------
 # The thesis gives each part of the image a weight w, but leaves open what w weighs. Two
-# readings are possible. The figure shows the shading samples of four camera samples;
-# the area of a dot is the weight of the sample. On the left, w divides the *samples*: w
-# = 3/4 means six light samples and two BRDF samples. On the right, w tilts the
-# *heuristic*: there are always four of each kind, and w decides which kind counts more.
-# This tutorial follows the second reading, because it comes nearer to the thesis's
-# numbers.
+# readings are possible. The figure shows four camera samples with two shading samples
+# each. A dot is a shading sample, and the area of the dot is the weight. On the left, w
+# divides the *samples*: w = 3/4 means six light samples and two BRDF samples. On the
+# right, w tilts the *heuristic*: there are always four of each kind, and w decides
+# which kind counts more. This tutorial follows the second reading, because it comes
+# nearer to the thesis's numbers.
 figure, axes = plt.subplots(1, 2, figsize=(11, 2.2), layout="constrained")
 readings = {
     "w divides the samples": (np.arange(8) < 6, np.ones(8)),
@@ -170,9 +170,9 @@ print(f"weight of light samples on average: {final.weight.mean():.2f}")
 
 # %%
 # The rule ``thesis`` does these steps. From the same pilot it computes the same map,
-# bit for bit. With another pilot, its image differs only by noise. To test this, the
-# code computes z for the difference of the two means; z is between -3 and 3 in 99.7 %
-# of such tests.
+# bit for bit. With another pilot, the image of the rule differs only by noise. To test
+# this, the code computes z for the difference of the two means; z is between -3 and 3
+# in 99.7 % of such tests.
 rule = f"thesis:patch={PATCH}"
 pilot = {w: Pilot(m) for w, m in zip(weights.tolist(), moments, strict=True)}
 fit = dmis.make_rule(rule).fit(pilot)

@@ -118,9 +118,9 @@ def estimates(table, weight="balance"):
 # %%
 # The mean is the same for all probabilities, if every visible lamp has a probability
 # above 0. But the noise depends on the probabilities: lamps that give much light should
-# be picked often. Probabilities in proportion to power are a good start. Here is the
-# noise of uniform probabilities and of probabilities by power, each with the balance
-# heuristic.
+# be picked often. Probabilities in proportion to power are a good start. The figure
+# shows the noise with uniform probabilities and with probabilities by power, both with
+# the balance heuristic.
 power = RADIANCE * AREA
 choices = {"evenly": np.full(4, 0.25), "by power": power / power.sum()}
 figure, axes = plt.subplots(1, 2, figsize=(11, 3.4), layout="constrained")
