@@ -80,10 +80,11 @@ def weight_bar(
     bar.set_ticks([0, 0.25, 0.5, 0.75, 1], labels=["0 BRDF", "0.25", "0.5", "0.75", "1 light"])
 
 
-def mark(axis: Axes, window: Window, colour: str) -> None:
-    """Draw a frame around a part of an image."""
+def mark(axis: Axes, window: Window, colour: str, width: float = 2, gap: int = 0) -> None:
+    """Draw a frame around a part of an image: a line of `width` points, `gap` pixels outside of the part."""
     (top, bottom), (left, right) = window
-    axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=colour, linewidth=2))
+    corner, sides = (left - gap, top - gap), (right - left + 2 * gap, bottom - top + 2 * gap)
+    axis.add_patch(Rectangle(corner, *sides, fill=False, edgecolor=colour, linewidth=width))
 
 
 def shared_scale(maps: Sequence[Array], quantile: float = 0.995) -> float:
