@@ -23,7 +23,7 @@ PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 FRAMED = {  # a patch of each scene: row and column in shares of the image
     "teapot-area-light": (0.62, 0.82),
-    "killeroo-diffuse": (0.2, 0.8),
+    "killeroo-diffuse": (0.75, 0.9),
     "killeroo-gold": (0.35, 0.45),
     "tt": (0.35, 0.3),
 }
@@ -81,40 +81,57 @@ for name, y in variances.items():
     print(f"{name:18} {', '.join(shares)}")
 
 # %%
+# **Which technique outweighs the other?** Of the patches with a signal, the share with
+# w > 1/2 (blue), and with w near 3/4, where a parabola through one high end has its
+# minimum.
+blue = {}
+for name, (weight, status) in fits.items():
+    w = weight[status != 3]
+    blue[name] = np.mean(w > 0.5), np.mean(np.abs(w - 0.75) < 0.05)
+    print(f"{name:18} blue {blue[name][0]:.1%}, 3/4 {blue[name][1]:.1%}")
+
+# %%
 # Figure 3.5 has the next steps, the filter and the final pass. This figure shows the
 # weights of the fit beside the mean of the three pilots. White patches beside the pot
 # see nothing and keep w = 1/2. Where the lamp does not shine, on the pot and in the
 # darkest shadow, the three variances are those of the headlight within a pixel, equal
 # but for noise, and the weight is chance.
-figure, axes = print_canvas(4, 3, 7.9, height_ratios=[1.25, 1, 1, 0.75])
+figure, axes = print_canvas(
+    4, 3, 8.4, height_ratios=[1.33, 1, 1, 0.74], width_ratios=[1.2, 1.2, 0.9]
+)
 fine = np.linspace(0, 1, 200)
 for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     image = np.mean([pilot.image for pilot in pilots[name]], axis=0)
     row, column = (np.array(FRAMED[name]) * weight.shape).astype(int)
     corner = PATCH * row, PATCH * column
     plot.picture(line[0], image)
-    inside = f"minimum in [0, 1]: {np.mean(status == 0):.0%}"
+    title = f"minimum in [0, 1]: {np.mean(status == 0):.0%}"
+    if np.any(status == 3):
+        title += f",\nno signal: {np.mean(status == 3):.0%}"
     per_pixel = patch_spread(weight, PATCH, image.shape[:2])
-    shown = plot.weights(line[1], per_pixel, inside)
+    shown = plot.weights(line[1], per_pixel, title)
     for axis in line[:2]:
-        plot.mark(axis, tuple((k, k + PATCH) for k in corner), "black")
+        plot.mark(axis, tuple((k, k + PATCH) for k in corner), "black", 1, PATCH // 3)
     y = variances[name][:, row, column] / variances[name][1, row, column]
     line[2].plot(fine, np.polyval(np.polyfit(STRATEGIES, y, 2), fine), "k--")
     line[2].plot(STRATEGIES, y, "ks")
-    line[2].axvline(weight[row, column], color="tab:blue")
+    line[2].axvline(weight[row, column], color="0.7", zorder=0)
     line[2].axhline(0, color="0.7", linewidth=0.8, zorder=0)
     line[2].set_title(f"framed patch: w = {weight[row, column]:.2f}")
-    line[2].set(xlabel="w", ylabel="variance / that at ½")
+    line[2].set(xticks=[0, 0.25, 0.5, 0.75, 1], ylabel="variance / that at ½")
+axes[-1, 2].set_xlabel("w")
 axes[0, 0].set_title("mean of the three pilots")
 name_rows(axes[:, :2], [about.title for about in SCENES.values()])
 plot.weight_bar(
     figure, shown, axes[:, :2], WEIGHT, shrink=0.6, location="bottom", pad=0.01
 )
+told = [f"{SCENES[name].title} {of[0]:.0%}" for name, of in blue.items()]
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: mean of three pilots of 2 camera samples per pixel. Middle: weight w that
-    the rule learns from them in patches of {PATCH}x{PATCH} pixels, before the filter.
-    Right: parabola through the three variances of the framed patch, and its weight.""",
+    f"""Left: mean of three pilots of 2 camera samples per pixel. Middle: w of patches
+    of {PATCH}x{PATCH} pixels before the filter; white: no signal or w = ½. Blue, of the
+    patches with a signal: {", ".join(told)}. Right: parabola through the variances of
+    the framed patch; grey: its w.""",
     panel=axes[2, 1],
 )
