@@ -100,7 +100,7 @@ plot.picture(axes["image"], image)
 axes["image"].set_axis_off()
 fine = np.linspace(0, 1, 200)
 for colour, name in {"red": "board", "blue": "pot"}.items():
-    plot.mark(axes["image"], patches[colour], f"tab:{colour}")
+    plot.mark(axes["image"], patches[colour], f"tab:{colour}", 1, 4)
     axis, below = axes[colour], axes[f"{colour} pilots"]
     unit = points[colour][1]
     axis.plot(W, curves[colour] / unit, "o-", color=f"tab:{colour}", label="variance")
@@ -118,13 +118,15 @@ axes["red"].set_ylabel("variance / that at w = ½")
 axes["red pilots"].set_ylabel("pilots")
 handles, labels = axes["red"].get_legend_handles_labels()
 figure.legend(handles, labels, loc="outside lower center", ncols=4)
+least = {colour: W[curve.argmin()] for colour, curve in curves.items()}
 tops = {colour: y[0] / y[1] for colour, y in points.items()}
 opts.save_for_print(
     figure,
     "Figure 3.2: error against weight, TEAPOT AREA LIGHT",
     f"""Variance of a sample in two patches, over that at w = ½; at w = 0 it is
-    {tops["red"]:.0f} (board) and {tops["blue"]:.0f} (pot). The parabola through three
-    points dips below 0. Grey lines: its minimum. Below: weights by {PILOTS} pilots of
-    two samples per pixel.""",
+    {tops["red"]:.0f} (board) and {tops["blue"]:.0f} (pot). It is least at
+    w = {least["red"]:.1f} and {least["blue"]:.1f}; the parabola through three points
+    dips below 0 and says {minimum(points["red"]):.2f} and
+    {minimum(points["blue"]):.2f}, as do {PILOTS} pilots of two samples (below).""",
     panel=axes["red"],
 )
