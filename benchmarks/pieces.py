@@ -266,7 +266,7 @@ PIECES: tuple[Piece, ...] = (
     ),
     # Figures of the thesis.
     figure("thesis/plot_fig_2_1_variance", "teapot-area-light balance"),
-    figure("thesis/plot_eq_3_1_variance_is_mse", "killeroo-gold balance"),
+    figure("thesis/plot_eq_3_1_variance_is_mse", "killeroo-diffuse balance"),
     figure("thesis/plot_fig_3_1_precomputation", "teapot-area-light balance"),
     figure("thesis/plot_fig_3_2_mse_curve_teapot", "teapot-area-light balance"),
     figure("thesis/plot_fig_3_3_mse_curve_killeroo_gold", "killeroo-gold balance"),
