@@ -97,7 +97,7 @@ for name, (weight, status) in fits.items():
 # darkest shadow, the three variances are those of the headlight within a pixel, equal
 # but for noise, and the weight is chance.
 figure, axes = print_canvas(
-    4, 3, 8.4, height_ratios=[1.33, 1, 1, 0.74], width_ratios=[1.2, 1.2, 0.9]
+    4, 3, 9.4, height_ratios=[1.33, 1, 1, 0.74], width_ratios=[1.2, 1.2, 0.9]
 )
 fine = np.linspace(0, 1, 200)
 for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
@@ -125,13 +125,13 @@ name_rows(axes[:, :2], [about.title for about in SCENES.values()])
 plot.weight_bar(
     figure, shown, axes[:, :2], WEIGHT, shrink=0.6, location="bottom", pad=0.01
 )
-told = [f"{SCENES[name].title} {of[0]:.0%}" for name, of in blue.items()]
+told = ", ".join(f"{above:.0%}" for above, _ in blue.values())
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
     f"""Left: mean of three pilots of 2 camera samples per pixel. Middle: w of patches
-    of {PATCH}x{PATCH} pixels before the filter; white: no signal or w = ½. Blue, of the
-    patches with a signal: {", ".join(told)}. Right: parabola through the variances of
-    the framed patch; grey: its w.""",
+    of {PATCH}x{PATCH} pixels before the filter; white: no signal or w = ½. Of the
+    patches with a signal {told} are blue. Right: the framed patch's parabola and w
+    (grey).""",
     panel=axes[2, 1],
 )
