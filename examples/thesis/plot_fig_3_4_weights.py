@@ -125,13 +125,15 @@ name_rows(axes[:, :2], [about.title for about in SCENES.values()])
 plot.weight_bar(
     figure, shown, axes[:, :2], WEIGHT, shrink=0.6, location="bottom", pad=0.01
 )
-told = ", ".join(f"{above:.0%}" for above, _ in blue.values())
+told = [
+    ", ".join(f"{share:.0%}" for share in of) for of in zip(*blue.values(), strict=True)
+]
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: mean of three pilots of 2 camera samples per pixel. Middle: w of patches
-    of {PATCH}x{PATCH} pixels before the filter; white: no signal or w = ½. Of the
-    patches with a signal {told} are blue. Right: the framed patch's parabola and w
-    (grey).""",
+    f"""Left: mean of three pilots of two samples per pixel. Middle: w of patches of
+    {PATCH}x{PATCH} pixels before the filter; white: no signal or w = ½. Of the patches
+    with a signal {told[0]} are blue, {told[1]} near ¾. Right: the framed patch's
+    parabola and w (grey).""",
     panel=axes[2, 1],
 )
