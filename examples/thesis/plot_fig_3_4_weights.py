@@ -131,7 +131,7 @@ told = [
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: mean of three pilots of two samples per pixel. Middle: w of patches of
+    f"""Left: mean of three two-sample pilots. Middle: w of patches of
     {PATCH}x{PATCH} pixels before the filter; white: no signal or w = ½. Of the patches
     with a signal {told[0]} are blue, {told[1]} near ¾. Right: the framed patch's
     parabola and w (grey).""",
