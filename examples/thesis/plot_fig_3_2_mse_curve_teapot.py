@@ -123,10 +123,10 @@ tops = {colour: y[0] / y[1] for colour, y in points.items()}
 opts.save_for_print(
     figure,
     "Figure 3.2: error against weight, TEAPOT AREA LIGHT",
-    f"""Variance of a sample in two patches, over that at w = ½; at w = 0 it is
-    {tops["red"]:.0f} (board) and {tops["blue"]:.0f} (pot). It is least at
-    w = {least["red"]:.1f} and {least["blue"]:.1f}; the parabola through three points
-    dips below 0 and says {minimum(points["red"]):.2f} and
-    {minimum(points["blue"]):.2f}, as do {PILOTS} pilots of two samples (below).""",
+    f"""Variance of a sample in two patches, over that at w = ½: {tops["red"]:.0f}
+    (board) and {tops["blue"]:.0f} (pot) at w = 0, least at w = {least["red"]:.1f} and
+    {least["blue"]:.1f}. The parabola through three points dips below 0; its minimum is
+    at {minimum(points["red"]):.2f} and {minimum(points["blue"]):.2f}, as by {PILOTS}
+    two-sample pilots (below).""",
     panel=axes["red"],
 )
