@@ -149,7 +149,7 @@ end = errors["blue"][-1] / points["blue"][1]
 opts.save_for_print(
     figure,
     "Figure 3.3: error against weight, KILLEROO GOLD",
-    f"""Variance of a sample by paths, over that at w = ½: on the gold
+    f"""Sample variance by paths, over that at w = ½: on the gold
     {ends["red"][0]:.1f} at w = 0, {ends["red"][1]:.1f} at w = 1; on the floor
     {ends["blue"][0]:.0f} and {ends["blue"][1]:.1f} ± {end:.1f}. Bars: two standard
     errors of {SEEDS} seeds. Parabolas are least at {minimum(points["red"]):.2f} and
