@@ -1,7 +1,8 @@
 """Exercise 15 (hard): keep the samples of the pilot in the image.
 
 The pilot's samples are unbiased, so they may improve the image. The starter weights
-both means by their estimated variances. This seems sensible, but is wrong.
+the means of both passes by their estimated inverse variances. This seems sensible, but
+is wrong.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 15 mine.py``.
 """

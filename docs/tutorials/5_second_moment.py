@@ -133,7 +133,7 @@ for name, value in (
 #
 # By this bound, at shares between 1/4 and 3/4 a term is at most twice the term at w =
 # 1/2. Towards 0 and 1 the bound grows without limit, so the curves are less certain
-# there. The samples of each technique inform both: if the BRDF samples miss a lamp, the
+# there. Samples of one technique tell about both: if the BRDF samples miss a lamp, the
 # light samples still hit it. The density :math:`p_b` of these light samples shows the
 # variance of BRDF sampling.
 #
