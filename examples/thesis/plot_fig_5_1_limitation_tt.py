@@ -164,8 +164,8 @@ opts.save_for_print(
     figure,
     "Figure 5.1: noisy weights, TT",
     f"""TT: weights (a) of the fit ({flat:.0%} of the patches have no minimum; dark red:
-    w = 0), (b) framed part, (c) filtered; (d) image. Error by patch over the balance
-    heuristic's: (e) the rule's, (f) the balance heuristic's with another seed. The
-    rule's MSE ratio is {value:.2f} ± {half:.2f}; the thesis's is 1.286.""",
+    w = 0), (b) framed part, (c) filtered; (d) image. Error by patch over that of
+    balance: (e) the rule's, (f) balance's with another seed. MSE ratio of the rule:
+    {value:.2f} ± {half:.2f} (thesis: 1.286).""",
     panel=axes[0, 2],
 )
