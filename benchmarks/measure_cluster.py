@@ -126,10 +126,8 @@ def sentences() -> dict[str, list[str]]:
     seconds, rate = of["seconds of a tile"], of["tasks per second"]
     return {
         "cluster.md": [
-            f"a tile takes {seconds:.2f} s, and Dask's scheduler handles some {rate:.0f} tasks per second, so it is "
-            f"busy with {rate * seconds:.0f} workers.",
-            f"A tile is {of['kB of a tile']:.0f} kB on the way out and {of['kB of its result']:.0f} kB on the way back",
-            f"merging takes {1e3 * of['seconds to merge a tile']:.2f} ms.",
+            f"a tile takes {seconds:.2f} s. Dask's scheduler handles some {rate:.0f} tasks per second, so "
+            f"{rate * seconds:.0f} workers saturate it"
         ]
     }
 
