@@ -17,8 +17,7 @@ from dmis.fit.registry import make_rule
 ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 OLD = """
-doctor-figure stability-figure plot_eq_3_1_variance_is_mse
-plot_fig_4_1_scenes plot_held_out_scenes
+doctor-figure stability-figure plot_held_out_scenes
 plot_shares_and_points plot_why_the_parabola_fails plot_oracle_and_regret plot_patch_size
 """.split()
 """Pictures that may be older than their scripts: they are to be drawn again with other type and legends."""

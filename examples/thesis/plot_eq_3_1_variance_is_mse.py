@@ -101,6 +101,5 @@ opts.save_for_print(
     f"""KILLEROO DIFFUSE, patches of {PATCH}x{PATCH} pixels. On the red line samples
     report the true error: {opts.spp} typically within a factor of {told[0][1]:.2g}.
     With two BRDF samples {told[2][2]:.0%} of the patches report less than half. In the
-    cloud at 1e-8 ({cloud:.0%}) no BRDF sample met the lamp: the variance left is the
-    headlight's.""",
+    cloud at 1e-8 ({cloud:.0%}) none met the lamp: the headlight's variance is left.""",
 )
