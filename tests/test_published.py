@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 OLD = """
 doctor-figure stability-figure plot_held_out_scenes
-plot_shares_and_points plot_oracle_and_regret plot_patch_size
+plot_shares_and_points plot_oracle_and_regret
 """.split()
 """Pictures that may be older than their scripts: they are to be drawn again with other type and legends."""
 OTHER_FILES = {
