@@ -48,8 +48,7 @@ def noise(rows: list[dict[str, str]]) -> str:
     texts = [
         f"{100 * share:.1f} %{' (**more than 5 %**)' * (share > 0.05)} on {scene}" for scene, share in shares.items()
     ]
-    last = texts.pop()
-    return f"The noise of a reference, divided by the smallest error of its scene, is {', '.join(texts)} and {last}."
+    return f"The noise of a reference, divided by the smallest error of its scene, is {', '.join(texts)}."
 
 
 def speeds() -> list[str]:
