@@ -85,7 +85,7 @@ def sentences() -> dict[str, list[str]]:
         "paths.md": [
             f"{span(first, 'mse')} of the MSE and {span(first, 'relmse')} of the relMSE",
             f"leaves {values('sky compensation', 'relmse')[0]} of the relMSE of TT",
-            f"{values('light tree', 'relmse')[0]} on `ten-lights`",
+            f"leaves {values('light tree', 'relmse')[0]} of the relMSE of `ten-lights`",
             f"{min(values('numbers of samples', 'relmse')[2:])} to {max(values('numbers of samples', 'relmse')[2:])}",
         ]
     }

@@ -16,6 +16,7 @@ where a ratio is the mean squared error of the rule over that of the balance heu
 
 import csv
 import itertools
+import re
 import sys
 from dataclasses import dataclass
 from functools import cache
@@ -285,10 +286,10 @@ def table_of_scores() -> list[str]:
 
 STEPS = {
     "independent": (Group("independent"), "balance"),
-    "numbers of the file": (Group("file"), "balance"),
+    "numbers of samples of the file": (Group("file"), "balance"),
     "pbrt-v2's points": (Group("points"), "balance"),
-    "both": (Group("points-file"), "balance"),
-    "both, killeroos by paths: nearest": (Group("nearest"), "balance"),
+    "both changes": (Group("points-file"), "balance"),
+    "both changes, killeroos by paths: nearest": (Group("nearest"), "balance"),
     "nearest, original meshes": (Group("nearest", 4, "original"), "balance"),
     "nearest, power heuristic": (Group("nearest"), "power"),
 }
@@ -309,6 +310,14 @@ def set_ups() -> list[str]:
     return table(f"| set-up | {TITLES} |", rows)
 
 
+CHOICES = {
+    "tilt": "the choices of dmis",
+    "mean of RGB": "mean of RGB, not luminance",
+    "pilots of 4": "pilots of 4 camera samples",
+}
+"""Labels of rules; other rules have their names as labels."""
+
+
 def choices() -> list[str]:
     """Return ratios and scores of other choices where the thesis is silent, with
     independent points, of equal seeds."""
@@ -318,7 +327,9 @@ def choices() -> list[str]:
     rows = []
     for rule in ("tilt", *dict.fromkeys(row["rule"] for row in others)):
         cells = (group.cell(scene, rule) for scene in SCENES)
-        label = rule.replace("tilt", "as shipped")
+        label = CHOICES.get(rule) or re.sub(
+            r"patch (\d+)", r"patches of \1×\1 pixels", rule
+        )
         rows.append([label, *cells, group.score(rule).split()[0]])
     label = "1 seed" if seeds == 1 else f"{seeds} seeds"
     return table(f"| choice, {label} | {TITLES} | score |", rows)
@@ -372,7 +383,7 @@ def sentences() -> dict[str, list[str]]:
             f"{times(far['teapot-area-light'])} and {times(far['tt'])} times as large",
             f"{times(min(near))} to {times(max(near))} times the thesis's",
             f"off by {float(rms):.0%} in the root mean square".replace("%", " %"),
-            f"covered on {titles}",
+            f"intervals contain the thesis's ratios on {titles}",
         ]
     }
 
