@@ -4,7 +4,7 @@ With metalness m, base colour b and half vector h,
 ``f = (1 - m) b / pi (1 - F(cos_i)) (1 - F(cos_o)) / (1 - F') + F(wi.h) D G2 / (4 cos_i cos_o)``, where F is Schlick's
 Fresnel term: from f0 to ``1 - 0.9 alpha`` in the base, from ``(1 - m) f0 + m b`` to 1 in the facets. Sources: Khronos
 Group, *glTF 2.0 Specification*, appendix B; for the base Kelemen and Szirmay-Kalos 2001, because the specification's
-``1 - F(wi.h)`` reflects up to 1.7 times the light that a smooth white surface gets. F' is the mean of F, so that such
+``1 - F(wi.h)`` lets a white surface of roughness 0.1 reflect 1.7 times the light. F' is the mean of F, so that such
 a surface reflects all of it; with 0.9 alpha, for rough facets shadow each other, no white one reflects more than 1.01.
 """
 
