@@ -38,14 +38,14 @@ def sentences() -> dict[str, list[str]]:
         """Return the values of all seeds, in order of size."""
         return [f"{value:.2f}" for value in sorted(float(row[column]) for row in read_rows(CSV) if row["rule"] == rule)]
 
-    (low, *_, high), (least, *_, most) = (of(rule, "mse over balance") for rule in ("thesis", "auto"))
-    relative = [of(rule, "relmse over balance") for rule in ("thesis", "auto")]
+    measures = ("mse over balance", "relmse over balance")
+    thesis, auto = ([of(rule, measure)[k] for measure in measures for k in (0, -1)] for rule in ("thesis", "auto"))
     shown = {row["rule"]: float(row["mse over balance"]) for row in read_rows(CSV) if row["seed"] == str(SEEDS[-1])}
     return {
         "README.md": [
             f"errors of the whole: 1, {shown['thesis']:.2f} and {shown['auto']:.2f}]",
-            f"rule is {low} to {high} and the MSE of `auto` {least} to {most}",
-            "{} to {} and {} to {}".format(*(values[k] for values in relative for k in (0, -1))),
+            "rule has {} to {} times the MSE of the balance heuristic and {} to {} times its relMSE".format(*thesis),
+            "`auto` has {} to {} times the MSE and {} to {} times the relMSE".format(*auto),
         ]
     }
 

@@ -169,11 +169,11 @@ def sentences() -> dict[str, list[str]]:
         "README.md": [
             f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} % of the relative error",
             f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % of the squared error on all six",
-            f"Sobol points leave {points} of the relMSE of independent points",
-            f"(docs/rules.md#sky-compensation) {percent(mean_of('sky compensation', 'relmse'))} on TT",
-            f"numbers of samples per pixel and light {numbers}",
-            f"learned shares {shares}",
-            f"`auto` leaves {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE",
+            f"Sobol points cut the relMSE of this baseline to {points}",
+            f"(docs/rules.md#sky-compensation) to {percent(mean_of('sky compensation', 'relmse'))} (on TT)",
+            f"numbers of samples per pixel and light to {numbers}",
+            f"learned shares of light samples to {shares}",
+            f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of its relMSE",
         ],
         "measurements.md": [
             f"{overhead[0]:.0f} to {overhead[-1]:.0f} % of the time of `auto` at {budgets()[0]} samples",

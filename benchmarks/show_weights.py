@@ -280,19 +280,20 @@ def sentences() -> dict[str, list[str]]:
     means = reached_rows(scores(True))[-1][1 : 1 + len(TILTS)]
     over = sorted(round(100 * float(text.partition("±")[0])) - 100 for text in means)
     gold, tt = (1 - of("tilt per patch", name) for name in ("killeroo-gold", "tt"))
-    mean = [saved(of("tilt per patch", values=values)) for values in (quarter, full)]
+    mean = [saved(of("tilt per patch", values=values)) for values in (full, quarter)]
     return {
         "README.md": [
             f"save {tilts[2]} of the MSE on the teapot, {tilts[0]} on KILLEROO DIFFUSE and at most "
             f"{100 * max(gold, tt):.0f} % on the other two scenes",
             f"nearly as much, {saved(of('one tilt', pot))} and {saved(of('one tilt', diffuse))}.",
-            "weights save {} in geometric mean over eight scenes instead of {}".format(*mean),
+            "weights save {} at full size and {} at a quarter of the width".format(*mean),
         ],
         "what-weights-save.md": [
             "save {} on killeroo-diffuse, {} on veach-mis, {} on the teapot, {} on tt".format(*tilts),
-            f"save {100 * shares[0]:.0f} to {100 * shares[-1]:.0f} %, {saved(of('share per patch'))} in geometric mean",
-            f"one share for the image saves {saved(of('one share'))}.",
-            f"**Numbers of samples** save {saved(of('counts'))} in geometric mean;",
+            f"save {100 * shares[0]:.0f} to {100 * shares[-1]:.0f} %, "
+            f"in geometric mean {saved(of('share per patch'))}.",
+            f"One share for the image saves {saved(of('one share'))} in geometric mean.",
+            f"**Numbers of camera samples** save {saved(of('counts'))} in geometric mean.",
             "from {} to {} of the variance on the teapot and from {} to {} on killeroo-diffuse".format(*edges),
             "{} instead of {} on the teapot, and {} instead of {} on killeroo-diffuse.".format(*best),
             f"Rules that tilt are {over[0]} to {over[-1]} % above their bound in the mean.",
