@@ -95,8 +95,8 @@ hit = np.flatnonzero(hits.prim >= 0)
 # --------------
 # A *shading point* is the data of a hit for a lobe: the unit normal :math:`n`, the unit
 # direction :math:`\omega_o` to the viewer, and tangents. The normal of a triangle with
-# the corners a, b, c is along :math:`(b - a) \times (c - a)`, or opposite, so that it
-# points to the viewer's side.
+# the corners a, b, c is along :math:`(b - a) \times (c - a)`. If this vector points
+# away from the viewer, we take the opposite one.
 #
 # The point p is moved slightly off the surface. Otherwise its shadow ray would hit the
 # triangle from which the ray starts.
@@ -112,28 +112,26 @@ points = SimpleNamespace(n=n, wo=wo, cos_o=dot(n, wo), tangents=frame(n))
 # A light sample and a BRDF sample
 # --------------------------------
 # How much light does a point reflect towards the viewer? The answer is an integral over
-# the directions :math:`\omega_i`, with the integrand
+# the directions :math:`\omega_i`. The integrand f is the product of BRDF, radiance,
+# cosine and visibility:
 #
 # .. math::
 #
 #    f(\omega_i) = f_r(\omega_o, \omega_i)\, L(\omega_i)\, |n \cdot \omega_i|\,
 #    V(\omega_i)
 #
-# BRDF times radiance times cosine times visibility.
-#
 # Two techniques pick a direction for each point. *Light sampling* aims at a random
 # point of the light. *BRDF sampling* draws a direction from the lobe, and then tests
 # whether this direction hits the light. Both return directions ``wi`` ``(3, M)``,
 # ``distance``, ``radiance``, ``emits`` (true if the direction hits the light), and
-# ``pdf``. ``pdf`` is the density with which light sampling picks this direction. On a
-# light of area A, at the distance r, with the angle :math:`\theta_l` at the light, this
-# density is
+# ``pdf``. ``pdf`` is the density per solid angle with which light sampling picks this
+# direction. Let the light have the area A and the distance r, and let :math:`\theta_l`
+# be the angle between its normal and the direction. Then this density is
 #
 # .. math::
 #
 #    p_l = \frac{r^2}{A\, |\cos \theta_l|}
 #
-# per solid angle.
 light_sample = light.sample(p, sampler.draw("light", hit))
 brdf_sample = light.hit(p, lobe.sample(points, sampler.draw("brdf", hit)))
 
@@ -153,8 +151,8 @@ brdf_sample = light.hit(p, lobe.sample(points, sampler.draw("brdf", hit)))
 # two techniques in the same direction. The function `balance` takes the two terms of
 # :math:`p_w` and returns :math:`1 / p_w`.
 #
-# A *shadow ray* from p to the light decides whether V is 0 or 1. It ends just before
-# the light.
+# A *shadow ray* from p to the light decides whether the visibility V is 0 or 1. The ray
+# ends just before the light.
 w = 0.5
 terms = []
 for technique, sample in enumerate((light_sample, brdf_sample)):
@@ -178,9 +176,9 @@ image = np.moveaxis(samples.mean(axis=1), 0, -1)  # (height, width, 3)
 
 # %%
 # Four arrays of the batch, averaged over the camera samples of each pixel, make images:
-# the normals, the share of light samples that reach the light, and :math:`f / p_w` of
-# each technique. Light sampling finds the light from every point. BRDF sampling finds
-# the light only where the lobe points at it.
+# the normals, the fraction of light samples that reach the light, and half of
+# :math:`f / p_w` of each technique. Light sampling finds the light from every point.
+# BRDF sampling finds the light only where the lobe points at it.
 reached = np.broadcast_to(np.any(terms[0] > 0, axis=0), n.shape)
 arrays = (n + 1) / 2, reached, terms[0] / 2, terms[1] / 2
 titles = "normals", "light reached", "light samples, half", "BRDF samples, half"
@@ -201,9 +199,9 @@ for axis, values, title in zip(axes.flat, arrays, titles, strict=True):
 #
 #    z = \frac{x - y}{\sqrt{\sigma_x^2 + \sigma_y^2}}
 #
-# With many samples z is normally distributed: :math:`|z| > 2` in 4.6 % of the pixels.
-# With 16 samples, z is nearly normally distributed. The z of the mean of the whole
-# image is between -3 and 3 in 99.7 % of such tests.
+# With 16 samples z is nearly normally distributed, so :math:`|z| > 2` in about 4.6 % of
+# the pixels. The code also computes z for the mean of the whole image. This z is
+# between -3 and 3 in 99.7 % of all runs.
 material = dmis.Material((lobe,), "metal")
 scene = dmis.Scene(camera, (dmis.Part(mesh, material),), (light,))
 result = dmis.render(scene, "balance", spp, seed=2, sampler="independent")
@@ -236,7 +234,7 @@ figure.colorbar(shown, ax=axes[2], label="z")
 #    (``03_direct_light.py``).
 #
 # To think about: set w = 0.9 in :math:`p_w`, but keep one sample of each technique.
-# What does the test of the mean say, and why? Leave out V: in which pixels does z show
-# the error? Use ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
+# What does z of the mean say, and why? Leave out V: in which pixels does z show the
+# error? Use ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
 for path in plot.show("0_one_batch"):
     print(path)

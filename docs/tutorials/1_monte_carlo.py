@@ -77,8 +77,8 @@ for n, values in estimates.items():
 #    \mathrm{Var}[\hat I] = \frac{1}{n}
 #    \left( \int \frac{f^2}{p} \,\mathrm{d}\omega - I^2 \right)
 #
-# With four times as many directions the variance falls to a quarter. On logarithmic
-# axes this is a line with the slope -1. Does the measurement agree?
+# With four times as many directions the variance falls to a quarter. So on logarithmic
+# axes the variance falls along a line with the slope -1. Does the measurement agree?
 variances = np.array([values.var() for values in estimates.values()])
 fit, covariance = np.polyfit(np.log(counts), np.log(variances), 1, cov=True)
 half = 2.78 * np.sqrt(covariance[0, 0])  # Student's t for 6 points less 2 parameters
@@ -110,23 +110,23 @@ right.legend()
 # The standard error of the mean is then :math:`s / \sqrt{n}`. If n is large, the
 # interval :math:`\hat I \pm 1.96\, s / \sqrt{n}` contains I in about 95 % of all cases.
 # The class `dmis.variance.moments.Moments` stores n, the mean and the sum of squared
-# deviations, and merges parts in any order.
+# deviations. It can also merge these moments of several sets of samples.
 for n in (2, 16, 1024):
     values = Moments.of(samples_of(n, 20_000)).variance()
     print(f"{n:4d} samples: variance {values.mean():.3f}, spread {values.std():.3f}")
 
 # %%
-# Even from two samples the estimate of the variance is right on average. But its spread
-# is twice the variance itself. Tutorial 5 shows the consequences.
+# Even from two samples the estimate of the variance is right on average. But the spread
+# of this estimate is twice the variance. Tutorial 5 shows the consequences.
 #
 # The same in an image
 # --------------------
 # The scene ``teapot-area-light`` is a pot under a round lamp. The rule ``uniform``
-# samples uniform directions at each point, as above. The estimates of neighbouring
-# pixels have different errors, which we see as noise.
+# samples uniform directions at each point, as above. Neighbouring pixels have different
+# errors. We see these differences as noise.
 #
-# The formulas of this tutorial are for independent samples, so the code sets the
-# sampler. The default sampler uses low-discrepancy points.
+# The formulas of this tutorial are for independent samples, so the code asks for the
+# sampler ``independent``. The default sampler uses low-discrepancy points.
 scene = dmis.load_scene("teapot-area-light", resolution=RESOLUTION)
 images = {
     n: dmis.render(scene, "uniform", n, seed=1, sampler="independent")
@@ -146,12 +146,13 @@ for axis, (n, result) in zip(axes, images.items(), strict=True):
 #
 #    \mathrm{E}[(x - r_1)(x - r_2)] = \mathrm{E}[(x - r)^2]
 #
-# where r is exact. The mean of this product over the image is the *mean squared error*
-# of the image x. The reference is saved on disk for the next run.
+# Here x is the rendered image and r the exact one. The mean of this product over the
+# pixels is the *mean squared error* of x. The reference is saved on disk for the next
+# run.
 #
-# The mean squared error of an unbiased image is its mean variance. So the renderer's
-# own estimate, `Result.variance`, must agree with the measured error: the 95 % interval
-# of their ratio should contain 1.
+# The mean squared error of an unbiased image is its mean variance. So the measured
+# error must agree with `Result.variance`, the renderer's estimate of this variance: the
+# 95 % interval of their ratio should contain 1.
 reference = dmis.make_reference(scene, 32)
 for n, result in images.items():
     measured = squared_error(result.image, reference.first, reference.second)
@@ -164,9 +165,9 @@ for n, result in images.items():
 
 # %%
 # With four times the samples the error falls to a quarter, and the renderer's own
-# estimate agrees. But the noise falls slowly: the eye sees the square root of the
-# variance, so half of the noise needs four times as many samples. It is better to lower
-# the variance of each sample, as the other tutorials do.
+# estimate agrees. But the eye sees the square root of the variance, so halving the
+# noise takes four times as many samples. It is better to lower the variance of each
+# sample, as the other tutorials do.
 #
 # Exercises
 # ---------

@@ -7,7 +7,7 @@ After this tutorial you can
 * pick directions with a density, and divide by it;
 * say which density has the least variance, and why no renderer knows this density;
 * use light sampling and BRDF sampling, and predict where each of them fails;
-* compare two techniques plate by plate, with intervals.
+* compare two techniques in parts of an image, with intervals.
 
 Uniform directions mostly miss the light. Importance sampling picks directions with a
 density similar to the integrand. In a renderer the integrand is a product, light times
@@ -55,8 +55,8 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 # * *BRDF*, in proportion to the cosine: :math:`\cos t / \pi`;
 # * *light*, uniform in the lamp's cone: :math:`1 / (2 \pi (1 - \cos T))`.
 #
-# ``dmis.samplers.warp`` contains the maps from pairs of uniform numbers to directions
-# ``(3, N)``, with z up, and the densities.
+# The functions of ``dmis.samplers.warp`` map pairs of uniform numbers to directions
+# ``(3, N)``, where z is up. The module also contains the densities.
 half_angle = np.radians(25)
 exact = np.pi * np.sin(half_angle) ** 2
 u = np.random.default_rng(1).random((2, 100_000), dtype=np.float32)
@@ -79,9 +79,9 @@ for name, (z, density) in ways.items():
     )
 
 # %%
-# All three intervals contain the exact value, but their widths differ. With the BRDF's
-# density, f / p is :math:`\pi` or 0. With the light's density, f / p is nearly
-# constant.
+# All three intervals contain the exact value, but the intervals have different widths.
+# With the BRDF's density, f / p is :math:`\pi` or 0. With the light's density, f / p is
+# nearly constant, so the interval is the narrowest.
 #
 # With a density in exact proportion to f, the variance is 0: f / p is the same for all
 # directions. But this density is :math:`p = f / I`, which contains the unknown
@@ -90,8 +90,8 @@ for name, (z, density) in ways.items():
 # Two techniques in the renderer
 # ------------------------------
 # The rule ``fixed:1`` spends all shading samples on **light sampling**. The rule
-# ``fixed:0`` spends all of them on **BRDF sampling**. The number is w, the share of
-# light samples.
+# ``fixed:0`` spends all of them on **BRDF sampling**. The number after the colon is w,
+# the share of light samples.
 #
 # The scene ``veach-mis`` is a classic of Veach and Guibas (1995). Four metal plates
 # reflect four lamps. The plates are smooth at the back and rough in front. The lamps
@@ -108,8 +108,8 @@ plot.picture(axes[1], light.image, "light sampling, w = 1")
 # lamp. Few directions hit a small lamp, so its reflection is a set of bright specks.
 #
 # Light sampling is good for small lamps, for rough plates and for walls. But a smooth
-# plate reflects only a few points of a large lamp to the viewer. These points have a
-# large f at a low density, so large values of :math:`f / p_l` are rare.
+# plate reflects only a few points of a large lamp to the viewer. Light sampling seldom
+# picks these points; when it does, :math:`f / p_l` is very large.
 #
 # Who is better where?
 # --------------------
@@ -129,12 +129,12 @@ figure.colorbar(shown, ax=axis, label="log₁₀ of variance, BRDF / light")
 # plates and small lamps are blue.
 #
 # The dark red patches at the left and around the reflections mislead. There BRDF
-# sampling found no light at all, and the variance of samples that are all zero is 0.
-# Tutorial 5 is about this trap.
+# sampling found no light at all. All its samples are zero, so its estimated variance is
+# 0. Tutorial 5 is about this trap.
 #
-# Errors measured with a reference avoid the trap. Here is the ratio of the mean squared
-# errors for each plate and lamp, in the region of the reflection, with its 95 %
-# interval.
+# Errors measured with a reference avoid the trap. For the reflection of each lamp in
+# each plate, here is the mean squared error of BRDF sampling divided by that of light
+# sampling, with its 95 % interval.
 reference = dmis.make_reference(scene, 16)
 errors = [
     squared_error(result.image, reference.first, reference.second)

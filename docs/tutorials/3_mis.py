@@ -5,8 +5,8 @@ r"""
 After this tutorial you can
 
 * combine the samples of two techniques without bias;
-* write the balance heuristic, and compare it with others;
-* say what Veach's theorem bounds, and what it leaves open;
+* write the balance heuristic, and compare it with other heuristics;
+* say what Veach's theorem bounds, and what it does not;
 * measure how the variance depends on the share of light samples.
 
 Light sampling fails on smooth plates, and BRDF sampling fails with small lamps.
@@ -52,10 +52,11 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 #
 # Every sample counts as if it had been drawn from the mixture of both densities.
 #
-# Other heuristics prefer the larger density more strongly. The power heuristic squares
-# the terms :math:`w\, p_l` and :math:`(1 - w)\, p_b`. The cutoff heuristic drops a term
-# that is below a tenth of the other. The maximum heuristic keeps only the larger term.
-# Here are the weights for two densities on a line.
+# Other heuristics favour the larger density more than the balance heuristic does. The
+# power heuristic squares the terms :math:`w\, p_l` and :math:`(1 - w)\, p_b`. The
+# cutoff heuristic drops a term that is below a tenth of the other. The maximum
+# heuristic keeps only the larger term. Here are the weights for two densities on a
+# line.
 x = np.linspace(-1, 1, 401, dtype=np.float32)
 p_l = np.exp(-0.5 * (x / 0.1) ** 2) / (0.1 * np.sqrt(2 * np.pi))
 p_b = np.exp(-0.5 * (x / 0.4) ** 2) / (0.4 * np.sqrt(2 * np.pi))
@@ -134,34 +135,34 @@ for rule in rules:
     print(f"{rule:27} error over that of balance {value:6.2f} ± {width:.2f}")
 
 # %%
-# Each technique alone loses by far. The power heuristic (``pbrt``) and ``cutoff``
-# differ little from balance; ``maximum`` is worse. Veach's theorem bounds the possible
-# gain: for the same samples, other *non-negative* weights lower the variance of the
-# balance heuristic by at most
+# Each technique alone has a much larger error than ``balance``. The power heuristic
+# (``pbrt``) and ``cutoff`` have nearly the error of ``balance``; ``maximum`` has a
+# larger one. Veach's theorem bounds the possible gain: for the same samples, other
+# *non-negative* weights lower the variance of the balance heuristic by at most
 #
 # .. math::
 #
 #    \left( \frac{1}{\min(n_l, n_b)} - \frac{1}{N} \right) I^2
 #
-# Other weights can be arbitrarily worse. (Negative weights may gain more; the combiner
-# ``optimal`` uses them.)
+# Negative weights may gain more; the combiner ``optimal`` uses them. There is no bound
+# on how much worse than balance other weights can be.
 #
-# ``one-sample`` chooses the technique of each sample at random. Its larger error shows
-# that *fixed* numbers of samples reduce the variance.
+# ``one-sample`` chooses the technique of each sample at random. Its error is larger
+# than that of ``balance``: *fixed* numbers of samples reduce the variance.
 #
 # How many of each?
 # -----------------
-# The theorem takes w as given. With the balance heuristic and fixed numbers, the
-# variance of the mean of N samples is
+# The theorem says nothing about the choice of w. With the balance heuristic and fixed
+# numbers of light and BRDF samples, the variance of the mean of N samples is
 #
 # .. math::
 #
 #    V(w) = \frac{1}{N} \left( \int \frac{f^2}{p_w} - I^2 - w (1 - w) D^2 \right),
 #    \qquad p_w = w\, p_l + (1 - w)\, p_b
 #
-# D is the difference between the means of :math:`f / p_w` over light and over BRDF
-# samples. Here is the measured error divided by the error at w = 1/2, for several
-# shares at three places of the image.
+# Here D is the mean of :math:`f / p_w` over light samples minus the mean over BRDF
+# samples. The figure shows the measured error for several shares w, divided by the
+# error at w = 1/2, at three places of the image.
 shares = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
 known = {0: "fixed:0", 0.5: "balance", 1: "fixed:1"}
 maps = [errors[known[w]] if w in known else errors_of(f"fixed:{w}") for w in shares]
@@ -186,11 +187,11 @@ axis.set_ylabel("error / error at w = 1/2")
 axis.legend()
 
 # %%
-# The share w = 1/2 never fails, but at two of these places a better share has only a
-# fifth of the error. On the smooth plate nearly all samples should be BRDF samples, on
-# the third plate nearly all light samples. The best share is different in each part of
-# the image and unknown before rendering. But a few samples, spent in advance, can
-# estimate it. This is the idea of the thesis.
+# The share w = 1/2 never fails. But at two of these places the error of the best share
+# is only a fifth of the error at w = 1/2. On the smooth plate nearly all samples should
+# be BRDF samples; on the third plate nearly all should be light samples. The best share
+# differs between parts of the image, and nobody knows it before rendering. But a few
+# samples can estimate the best share in advance. This is the idea of the thesis.
 #
 # Exercises
 # ---------
