@@ -1,8 +1,8 @@
 """Exercise 5 (medium): the variance of the lamp's integral, by formula.
 
 Tutorial 1 estimates the light of a round lamp from uniform directions. One sample is
-X = 2 pi u if u > cos T, else 0, with u uniform in [0, 1). Its variance is
-E[X^2] - E[X]^2, and both are integrals over u that you can solve.
+X = 2 pi u if u > cos T, else 0, with u uniform in [0, 1). T is the lamp's half angle.
+The variance of X is E[X^2] - E[X]^2. Solve both expectations as integrals over u.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 5 mine.py``.
 """

@@ -1,4 +1,4 @@
-"""Exercise 6 (hard): merge the moments of two parts.
+"""Exercise 6 (hard): merge the moments of two blocks of samples.
 
 A renderer processes its samples in blocks and stores only (n, mean, m2): the number of
 samples, their mean, and the sum of their squared deviations from the mean.
@@ -8,7 +8,7 @@ Copy this file to mine.py, and check it: ``python docs/exercises/checks 6 mine.p
 
 
 def merge(a, b):
-    """Return (n, mean, m2) of the samples of both parts.
+    """Return (n, mean, m2) of the samples of both blocks.
 
     The result must be exact up to rounding, even if the mean is far larger than the
     deviations.
@@ -16,7 +16,7 @@ def merge(a, b):
     Parameters
     ----------
     a, b
-        Moments (n, mean, m2) of the parts; n is a number, mean and m2 are arrays.
+        Moments (n, mean, m2) of the blocks; n is a number, mean and m2 are arrays.
     """
     n = a[0] + b[0]
     mean = (a[0] * a[1] + b[0] * b[1]) / n

@@ -1,7 +1,8 @@
 """Exercise 7 (easy): a density without variance.
 
 The integrand for the desk lamp of tutorial 2 is cos t inside the lamp's cone, and 0
-outside. With a density in proportion to the integrand, the variance is 0.
+outside, where t is the angle to the axis +z. With a density in proportion to the
+integrand, the variance is 0.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 7 mine.py``.
 """

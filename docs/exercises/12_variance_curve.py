@@ -1,9 +1,9 @@
 """Exercise 12 (hard): the variance as a function of the share.
 
 Take N samples, of which exactly w N are light samples, and the balance heuristic.
-Derive N times the variance of their mean: the samples of each technique vary around a
-mean of their own, m_l or m_b. The starter computes the variance for techniques that are
-chosen at random.
+Derive V, which is N times the variance of the mean of all samples. Samples of light
+sampling vary around their mean m_l, samples of BRDF sampling around m_b. The starter
+computes V for samples that each pick their technique at random.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 12 mine.py``.
 """

@@ -5,12 +5,12 @@ Copy this file to mine.py, and check it: ``python docs/exercises/checks 16 mine.
 
 
 def chance_of_no_hit(p, samples):
-    """Return the probability that none of n samples hits, ``(K,)``.
+    """Return the probability that none of n samples hits a spike, ``(K,)``.
 
     Parameters
     ----------
     p
-        Probability that one sample hits, ``(K,)``; it may be as small as 1e-12.
+        Probability that a sample hits the spike, ``(K,)``; it may be as small as 1e-12.
     samples
         Number of samples n, ``(K,)``.
     """

@@ -2,8 +2,8 @@
 
 Exercise 12 derives the variance of a sample at the share w, for fixed numbers of
 samples of both techniques. Estimate this variance for every w, without bias, from the n
-light and the n BRDF samples of one pilot at w = 1/2. Which mean of f / p_w do the
-samples of one technique estimate?
+light and the n BRDF samples of one pilot at w = 1/2. Hint: what is the mean of f / p_w
+for the samples of one technique?
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 18 mine.py``.
 """

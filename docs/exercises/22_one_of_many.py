@@ -1,7 +1,7 @@
 """Exercise 22 (easy): the density with one of several lamps.
 
 A light sample picks lamp k with the probability q_k, then a uniform point on this lamp.
-Return the density per solid angle of directions from either technique.
+For directions of either technique, return the density of light sampling.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 22 mine.py``.
 """

@@ -1,8 +1,8 @@
 """Exercise 23 (medium): weights if some samples come from mirrors.
 
-Each element of the arrays is one shading sample. The material there may have a mirror's
-lobe. Return the contribution of each sample with the balance heuristic, for one sample
-of each technique.
+Each element of the arrays is one shading sample, on a material that may include a
+mirror. Each point takes one sample of each technique. Return the contribution of each
+sample with the balance heuristic.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 23 mine.py``.
 """
@@ -19,10 +19,11 @@ def contribution(f, p_l, p_b, by_brdf, mirrored):
         For rays from a mirror: reflectance times radiance. For all others: BRDF times
         radiance times cosine, not divided by a density.
     p_l, p_b
-        Densities of both techniques in the row's direction. For rays from a mirror p_b
-        is 0, but p_l is not if the ray hits a lamp. Both are 0 if nothing was drawn.
+        Densities of both techniques in the sample's direction. For rays from a mirror
+        p_b is 0, but p_l is not if the ray hits a lamp. If nothing was drawn, both
+        densities are 0.
     by_brdf, mirrored
-        Whether the BRDF drew the direction, and whether its mirror did; bool.
+        Whether BRDF sampling drew the direction, and whether the mirror did; bool.
     """
     weight = np.where(by_brdf, p_b, p_l) / np.maximum(p_l + p_b, 1e-12)
     p = np.where(by_brdf, p_b, p_l)

@@ -23,7 +23,8 @@ def radiance(gathered, emitted, factor, mirrored):
         f cos / p of the step from each surface to the next one, ``(D, N)``; 0 after the
         end of the path.
     mirrored
-        Whether a mirror reflected this step, bool ``(D, N)``; there `gathered` is 0.
+        Whether a mirror reflects the path at each surface, bool ``(D, N)``; there
+        `gathered` is 0.
     """
     total, throughput = np.zeros_like(gathered[0]), np.ones_like(gathered[0])
     for k in range(len(gathered)):

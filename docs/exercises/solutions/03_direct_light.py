@@ -1,4 +1,4 @@
-"""Solution of exercise 3: divide by the density; no light from below."""
+"""Solution of exercise 3: divide by the density; light from below adds 0."""
 
 import numpy as np
 

@@ -5,7 +5,7 @@ Only differences of means are squared, so large means do not cancel.
 
 
 def merge(a, b):
-    """Return (n, mean, m2) of the samples of both parts."""
+    """Return (n, mean, m2) of the samples of both blocks."""
     n = a[0] + b[0]
     delta = b[1] - a[1]
     mean = a[1] + delta * b[0] / n

@@ -1,6 +1,7 @@
 """Solution of exercise 7.
 
-The density is cos t / (pi sin^2 T). A share u of it lies within sin^2 t = u sin^2 T.
+The density is cos t / (pi sin^2 T), so an angle is below t with the probability
+u = sin^2 t / sin^2 T. Solve this for t.
 """
 
 import numpy as np

@@ -1,6 +1,7 @@
 """Solution of exercise 9: inversion of two distribution functions.
 
-After a uniform number has picked a cell, its position within the cell is uniform again.
+A uniform number that has picked a cell has a uniform position within this cell. So the
+same number also places the point in the cell.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Solution of exercise 10: each technique counts by share times density."""
+"""Solution of exercise 10: w p_l / (w p_l + (1 - w) p_b)."""
 
 import numpy as np
 

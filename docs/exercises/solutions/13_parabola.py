@@ -1,4 +1,4 @@
-"""Solution of exercise 13: what the rule ``thesis`` does."""
+"""Solution of exercise 13: the formula of the rule ``thesis``."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Solution of exercise 17: the mean of X^2 / m.
+"""Solution of exercise 17: the mean of X^2 / m, with m = p_w / q.
 
 At the share w a sample counts X / m, and its square is (X / m)^2. Because it was drawn
 from q instead of p_w, the square gets the factor p_w / q = m.

@@ -1,4 +1,4 @@
-"""Solution of exercise 21: average first, then decide.
+"""Solution of exercise 21: average variances first, then decide.
 
 The variances are averaged over patches and then over neighbouring patches, so that
 each decision uses hundreds of samples. The share follows from the variances as in

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def light_density(met, distance, cos_l, area, q):
-    """Return p_l, ``(N,)``; 0 where no lamp is met, or its dark side."""
+    """Return p_l, ``(N,)``; 0 if the ray hits no lamp, or its dark side."""
     lit = (met >= 0) & (cos_l > 0)
     density = q[met] * distance**2 / (area[met] * np.where(lit, cos_l, 1))
     return np.where(lit, density, 0)

@@ -1,4 +1,4 @@
-"""Solution of exercise 24: emission counts where nothing before has gathered it."""
+"""Solution of exercise 24: add emission at the first surface and after mirrors only."""
 
 import numpy as np
 
