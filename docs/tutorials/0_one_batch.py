@@ -138,7 +138,7 @@ brdf_sample = light.hit(p, lobe.sample(points, sampler.draw("brdf", hit)))
 # %%
 # The balance heuristic
 # ---------------------
-# Let w be the share of light samples, here 1/2. The balance heuristic is a rule to
+# Let w be the share of light samples, here 1/2. The balance heuristic is a way to
 # weight samples of two techniques. It treats every sample as if its direction came from
 # a *mixture* of both techniques, with the density :math:`p_w`:
 #
