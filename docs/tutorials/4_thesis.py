@@ -9,9 +9,10 @@ After this tutorial you can
 * test that a rule's image is unbiased;
 * compare two rules at equal samples, with an interval over seeds.
 
-The best weight of light samples against BRDF samples is different in each part of an
-image. Seo's thesis (KAIST, 2014) spends 6 of 128 samples on finding this weight. This
-tutorial does the same step by step, with the functions that the rule ``thesis`` uses.
+How much light samples should count, compared with BRDF samples, differs from one part
+of an image to the next. Seo's thesis (KAIST, 2014) spends 6 of the 128 samples of each
+pixel on finding the best weight. This tutorial does the same step by step, with the
+functions that the rule ``thesis`` uses.
 """
 
 import os
@@ -70,11 +71,11 @@ for axis, (title, (is_light, area)) in zip(axes, readings.items(), strict=True):
 #
 # The pilot renders two camera samples per pixel at each of three weights: w = 0 (BRDF
 # sampling), w = 1/2 (the balance heuristic) and w = 1 (light sampling). The rule
-# ``fixed`` renders with one weight for all pixels. (With ``weigh=samples``, w divides
-# the samples.)
+# ``fixed`` renders with one weight for all pixels. Its option ``weigh=heuristic``
+# selects the second reading.
 #
 # Here we render each sample as a separate image, so the array of samples is
-# ``(2, height, width, 3)``. As in the thesis, points are independent.
+# ``(2, height, width, 3)``. As in the thesis, the sample points are independent.
 weights = np.array([0, 0.5, 1])
 pilots = [
     np.stack(
@@ -99,9 +100,9 @@ for axis, samples, title in zip(axes, pilots, titles, strict=True):
 # %%
 # Step 2, the variance
 # --------------------
-# A renderer has no reference. But the estimates are unbiased, so their mean squared
-# error equals their variance. We estimate the variance from n = 2 samples, the fewest
-# possible:
+# A renderer has no reference image to measure its error. But the estimates are
+# unbiased, so their mean squared error equals their variance. We estimate the variance
+# from n = 2 samples, the fewest possible:
 #
 # .. math::
 #
@@ -109,7 +110,7 @@ for axis, samples, title in zip(axes, pilots, titles, strict=True):
 #
 # `Moments` stores the mean and the sum of squared deviations for each pixel and
 # channel. Luminance combines the three channels. The mean over a patch of 8 by 8 pixels
-# reduces the noise.
+# reduces the noise of the variances.
 moments = [Moments.of(samples) for samples in pilots]
 variances = np.stack([patch_mean(luminance(m.variance()), PATCH) for m in moments])
 print("variances by weight and patch:", variances.shape)
@@ -118,8 +119,8 @@ print("variances by weight and patch:", variances.shape)
 # Step 3, the fit
 # ---------------
 # One parabola :math:`a_2 w^2 + a_1 w + a_0` passes through the three points (thesis,
-# Eqs. 3.2 to 3.4). With the variances :math:`y_0, y_h, y_1` at w = 0, 1/2 and 1, its
-# minimum (Eq. 3.5) is at
+# Eqs. 3.2 to 3.4). Let :math:`y_0, y_h, y_1` be the variances at w = 0, 1/2 and 1. The
+# minimum of the parabola (Eq. 3.5) is at
 #
 # .. math::
 #
@@ -148,8 +149,8 @@ for code, meaning in STATUS.items():
 # %%
 # Step 4, the filter
 # ------------------
-# The weights of neighbouring patches differ strongly, because each comes from few
-# samples. A Gaussian over 5 by 5 patches smooths the weights (thesis, Sec. 3.4). In
+# The weights of neighbouring patches differ strongly, because each weight comes from
+# few samples. A Gaussian over 5 by 5 patches smooths the weights (thesis, Sec. 3.4). In
 # blue patches light samples count more, in red patches BRDF samples.
 filtered = gaussian(raw)
 figure, axes = plt.subplots(1, 2, figsize=(11, 4.8), layout="constrained")
@@ -171,8 +172,8 @@ print(f"weight of light samples on average: {final.weight.mean():.2f}")
 # %%
 # The rule ``thesis`` does these steps. From the same pilot it computes the same map,
 # bit for bit. With another pilot, the image of the rule differs only by noise. To test
-# this, the code computes z for the difference of the two means; z is between -3 and 3
-# in 99.7 % of such tests.
+# this, the code divides the difference of the two means by its standard error. This
+# quotient, z, is between -3 and 3 in 99.7 % of such tests.
 rule = f"thesis:patch={PATCH}"
 pilot = {w: Pilot(m) for w, m in zip(weights.tolist(), moments, strict=True)}
 fit = dmis.make_rule(rule).fit(pilot)
@@ -185,23 +186,24 @@ print(f"z of the mean of the image: {difference / error:.2f}")
 # %%
 # Was it worth it?
 # ----------------
-# A fair comparison gives both rules the same budget, including the pilot, and several
-# seeds. `measure` renders rules alternately.
+# A fair comparison gives all rules the same budget, pilot included, and repeats each
+# render with several seeds. `measure` does this and renders rules alternately.
 #
 # Much of this image's error is in a few pixels at the visible edge of the lamp, where
 # no choice of directions can help. This error differs so much between seeds that it
 # hides the rest. So we leave the lamp out: a `crop` is a part of the image, here the
 # rows below the lamp.
 #
-# The ratio of the mean errors over K seeds is :math:`\bar a / \bar b`. By the delta
-# method its standard error is
+# Let :math:`a_k` and :math:`b_k` be the errors of two rules with seed k. The ratio of
+# their means over K seeds is :math:`\bar a / \bar b`. By the delta method its standard
+# error is
 #
 # .. math::
 #
 #    \frac{1}{\bar b} \sqrt{ \frac{1}{K (K - 1)} \sum_{k=1}^{K}
 #    \left( a_k - \frac{\bar a}{\bar b}\, b_k \right)^2 }
 #
-# and `ratio` computes its 95 % interval, with Student's t.
+# The function `ratio` computes a 95 % interval of the ratio, with Student's t.
 below = scene.crop((SIDE * 2 // 5, SIDE), (0, SIDE))
 reference = dmis.make_reference(below, 64)
 shares = f"thesis:weigh=samples,patch={PATCH}"
@@ -217,15 +219,15 @@ for k in (1, 2):
     print(f"    in equal CPU time {value:.2f} ± {half:.2f}")
 
 # %%
-# With ``weigh=samples`` the whole interval at equal samples is below 1. When w divides
-# the samples, the error is a quarter smaller (with images of full size), although the
-# pilot took six of the 32 samples. But light samples need shadow rays, and pilot and
-# fit take time; the second ratio includes these costs.
+# With ``weigh=samples`` the whole interval at equal samples is below 1. In images of
+# full size the error is a quarter smaller than that of ``balance``, although the pilot
+# took six of the 32 samples. But light samples need shadow rays, and pilot and fit take
+# time. The second ratio includes these costs.
 #
-# As a weight of the heuristic w gains less, because every camera sample takes a BRDF
-# sample, whatever w is. With 32 samples this gain hardly pays for the six pilot
-# samples; with the thesis's 128 samples it does on this scene. The page "Reproduction
-# of the thesis" compares both readings.
+# If w weighs the heuristic, the gain is smaller, because every camera sample takes a
+# BRDF sample, whatever w is. With 32 samples the gain hardly pays for the six pilot
+# samples. With the thesis's 128 samples the gain does pay for the pilot on this scene.
+# The page "Reproduction of the thesis" compares both readings.
 #
 # On other scenes the rule loses, even at equal samples. The next tutorial explains why,
 # and what helps.

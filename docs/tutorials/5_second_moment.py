@@ -9,9 +9,10 @@ After this tutorial you can
 * estimate the variance at every share from the samples of one pilot;
 * explain why low-discrepancy points beat better shares, and when both pay.
 
-The rule of the thesis lost on two of its four scenes. Its idea is right: with exact
-variances the parabola would win. But two samples of a bad technique often look good. A
-better estimate uses every sample to predict the variance at every share.
+The rule of the thesis lost on two of its four scenes. The parabola is not the reason:
+with exact variances it would win. The reason is that two samples of a bad technique
+often look good. A better estimate uses every sample to predict the variance at every
+share.
 """
 
 import os
@@ -32,11 +33,11 @@ PATCH = 4 if QUICK else 8
 rng = np.random.default_rng(1)
 
 # %%
-# Two samples do not see a spike
-# ------------------------------
+# Two samples miss a spike
+# ------------------------
 # A small lamp is above a matte floor. One BRDF sample in a hundred hits the lamp and
-# has the value 100; the others have the value 0. So the variance is 99. What is the
-# sample variance of two samples per pixel, averaged over a patch of 16 pixels?
+# has the value 100: a *spike*. The others have the value 0. So the variance is 99. What
+# is the sample variance of two samples per pixel, averaged over a patch of 16 pixels?
 hits = 100.0 * (rng.random((2, 16, 10_000)) < 0.01)
 reported = Moments.of(hits).variance().mean(axis=0)
 error = 1.96 * reported.std() / 100
@@ -45,8 +46,7 @@ print(f"patches that report 0: {(reported == 0).mean():.0%}")
 
 # %%
 # The estimates are right on average, but three of four patches report the variance 0.
-# Then the bad technique looks best to the parabola, and the patch gets only BRDF
-# samples.
+# In these patches BRDF sampling seems best, so they get only BRDF samples.
 #
 # If a sample hits the lamp with probability p, all samples of a patch of P pixels miss
 # with probability
@@ -61,9 +61,9 @@ for side in (4, 8, 16):
 # %%
 # A variance is not a parabola
 # ----------------------------
-# V(w) is not a parabola, but this costs little. The *oracle* computes variance curves
-# from many samples. Here is its curve where the third plate of ``veach-mis`` reflects
-# the second lamp. The image is cropped below the lamps.
+# The variance V(w) is not a parabola, but this costs little. The *oracle* computes V(w)
+# from many samples. The figure shows the oracle's V(w) where the third plate of
+# ``veach-mis`` reflects the second lamp. The image is cropped below the lamps.
 plates = dmis.load_scene("veach-mis", resolution=RESOLUTION)
 scale = RESOLUTION[0] / 480
 top = int(64 * scale)
@@ -97,9 +97,9 @@ axes[0].legend()
 # are exact. If one end is far above the other points, the minimum of the parabola is
 # near 3/4 or 1/4, wherever the best share is.
 #
-# But this minimum is on that side of 1/2 where the curve is lower. If a curve only
-# falls or only rises, the exact parabola never loses; it only misses a part of the
-# gain. The proof is on the page "Theory: proofs and extensions".
+# But this minimum is on the side of 1/2 where the variance is lower. If V(w) only falls
+# or only rises, a parabola through exact points never loses against w = 1/2; it only
+# misses a part of the gain. The proof is on the page "Theory: proofs and extensions".
 half = curve[HALF]
 for name, value in (
     ("at the parabola's minimum", np.interp(minimum, GRID, curve)),
@@ -114,9 +114,9 @@ for name, value in (
 #
 # Every sample at every share
 # ---------------------------
-# Take the pilot at w = 1/2. Its samples have the density :math:`q = (p_l + p_b) / 2`,
-# and each sample counts :math:`X = f / q`. At another share, a sample in the same
-# direction would count
+# Take a pilot with the share w = 1/2. Its samples have the density
+# :math:`q = (p_l + p_b) / 2`, and each sample counts :math:`X = f / q`. At another
+# share, a sample in the same direction would count
 #
 # .. math::
 #
@@ -133,16 +133,17 @@ for name, value in (
 #
 # By this bound, at shares between 1/4 and 3/4 a term is at most twice the term at w =
 # 1/2. Towards 0 and 1 the bound grows without limit, so the curves are less certain
-# there. Samples of one technique tell about both: if the BRDF samples miss a lamp, the
-# light samples still hit it. The density :math:`p_b` of these light samples shows the
-# variance of BRDF sampling.
+# there. Samples of one technique inform about both techniques: if the BRDF samples miss
+# a lamp, the light samples still hit it. The density :math:`p_b` of these light samples
+# shows the variance of BRDF sampling.
 #
 # The rule ``second-moment`` uses this estimate. It averages the *curves* of similar
 # neighbouring patches, and then takes the minimum of each patch. If the gain is
-# uncertain, w stays at 1/2. The figure shows the shares that both rules learn from six
-# samples, beside the oracle's. (With ``weigh=samples``, w of ``thesis`` is also the
-# share of light samples. With ``cost=no`` all samples have the same cost; by default a
-# light sample costs more rays.)
+# uncertain, w stays at 1/2. The figure shows the shares that ``thesis`` and
+# ``second-moment`` learn from six samples, and the best shares by the oracle. (With
+# ``weigh=samples``, w of ``thesis`` is also the share of light samples. With
+# ``cost=no`` all samples have the same cost; by default a light sample costs more
+# rays.)
 rules = f"thesis:weigh=samples,patch={PATCH}", "second-moment:cost=no"
 learned = {
     rule: dmis.render(plates, rule, 16, seed=1, sampler="independent").weight
@@ -186,14 +187,15 @@ for rule in rules[1:]:
 # reports a gain on this scene, with 128 samples and larger patches. Here the pilot
 # takes six of only 32 samples: even with equal shares the ratio would be 32/26 = 1.23,
 # because only 26 samples make the image. Besides, patches of 8 by 8 pixels miss spikes.
-# With patches of 16 by 16 the ratio is 1.14 ± 0.05, and with 128 samples 0.95 ± 0.03.
+# With patches of 16 by 16 pixels the ratio is 1.14 ± 0.05; with these patches and 128
+# samples it is 0.95 ± 0.03.
 #
 # Why low-discrepancy points beat shares
 # --------------------------------------
 # So far all samples were *independent*. Their error is V / n, and a better share
-# reduces V. Low-discrepancy points, which fill each other's gaps, change the exponent.
-# For smooth integrands the error may fall like :math:`n^{-2}`, for an edge in the pixel
-# like :math:`n^{-1.5}`. For large n a better exponent beats any constant factor.
+# reduces V. Low-discrepancy points, which fill each other's gaps, change the exponent
+# of n. For smooth integrands the error may fall like :math:`n^{-2}`, for an edge in the
+# pixel like :math:`n^{-1.5}`. For large n a better exponent beats any constant factor.
 #
 # Here are measured errors with independent points and with Sobol points, the default.
 # ``auto`` also learns how many samples of each technique a pixel needs.
@@ -216,9 +218,9 @@ axis.set_ylabel("mean squared error")
 axis.legend()
 
 # %%
-# Shares still help with Sobol points: they reduce the remaining noise of edges and
-# shadows. The page "Low-discrepancy points" explains the points, and the page "How the
-# learned rules work" explains ``auto``.
+# Better shares still help with Sobol points: the shares reduce the remaining noise of
+# edges and shadows. The page "Low-discrepancy points" explains the points, and the page
+# "How the learned rules work" explains ``auto``.
 #
 # Exercises
 # ---------

@@ -40,8 +40,9 @@ folder = Path(tempfile.mkdtemp())
 # %%
 # A scene
 # -------
-# `dmis.load_mesh` reads OBJ, PLY, STL and GLB. Here we first write a file; use your own
-# instead. Lengths have the unit of the file. Radiance is in linear RGB.
+# `dmis.load_mesh` reads OBJ, PLY, STL and GLB. The code first writes two such files;
+# use your own files instead. Lengths have the unit of the file. Radiance is in linear
+# RGB.
 #
 # A scene has a camera, parts and lights. A part is a mesh with a material. A visible
 # lamp is a light and also a part, made by `dmis.light_part`.
@@ -130,7 +131,7 @@ scene = make_scene(velvet, name="velvet-ring")
 # Is the lobe right? If ``pdf`` is not the density of ``sample``, every image is wrong
 # but looks right. One check works for any model: all techniques must agree. Light
 # sampling never calls ``sample``, while BRDF sampling needs all three methods. The
-# images of the two may differ only by noise.
+# images of the two techniques may differ only by noise.
 images = [
     dmis.render(scene, f"fixed:{w}", 32, seed=w, sampler="independent") for w in (0, 1)
 ]
@@ -154,7 +155,7 @@ print(f"BRDF against light sampling: z = {difference / error:.2f}, allowed -3 to
 #    w = \frac{V_b}{V_l + V_b}
 #
 # so the less noisy technique gets more samples. The rule keeps w between 0.1 and 0.9,
-# because the variance of two samples may be wrong.
+# because a variance that was estimated from two samples may be far off.
 @dataclass(frozen=True)
 class Quieter(dmis.Rule):
     """More samples for the technique whose pilot was less noisy."""
@@ -212,10 +213,10 @@ layers, attributes = dmis.read_exr(path)
 print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 
 # %%
-# This rule loses at 16 samples: its whole interval is above 1. Its picture shows why.
-# In the red patches of the floor the pilot's BRDF samples missed the lamp, so their
-# variance looked small. The rule ``second-moment`` wins at equal samples, with a pilot
-# of six samples instead of four.
+# This rule loses at 16 samples: its whole interval is above 1. The map of its shares
+# shows why. In the red patches of the floor the pilot's BRDF samples missed the lamp,
+# so their variance looked small. The rule ``second-moment`` wins at equal samples, with
+# a pilot of six samples instead of four.
 #
 # Does your rule win at equal samples? Does it also win in equal time, and on your own
 # scenes?
@@ -234,8 +235,8 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 # 19. *Easy.* Divide a budget over pixels by variance and cost
 #     (``19_sample_counts.py``).
 # 20. *Medium.* Give velvet a density that fits it better (``20_velvet.py``).
-# 21. *Hard.* Write a rule for two scenes, one for each technique. Its error divided by
-#     that of ``balance`` must be below 0.85, with the whole interval (``21_rule.py``).
+# 21. *Hard.* Write a rule that wins on two scenes: one needs mostly light samples, the
+#     other mostly BRDF samples (``21_rule.py``).
 #
 # To think about: let `Quieter` learn from standard deviations instead of variances
 # (Neyman's allocation). When is this better?

@@ -8,7 +8,7 @@ After this tutorial you can
   techniques;
 * keep mirrors out of multiple importance sampling;
 * count light on a path only once, whichever technique finds it;
-* find the first of these faults by `dmis.doctor`, and the others by comparing means.
+* find one common mistake by `dmis.doctor`, and two others by comparing means.
 
 Each part shows the right code first, and then a common mistake.
 """
@@ -51,16 +51,16 @@ def lamp_met(x, wi):
 
 # %%
 # A light sample picks lamp k with the probability :math:`q_k`, and then a point on the
-# lamp. Let d be the distance and :math:`\theta_l` the angle at the lamp. The density of
-# the direction contains *both* steps:
+# lamp. Let :math:`A_k` be the area of the lamp, d the distance and :math:`\theta_l` the
+# angle at the lamp. The density of the direction contains *both* steps:
 #
 # .. math::
 #
 #    p_l = q_k \, \frac{1}{A_k} \, \frac{d^2}{\cos\theta_l}
 #
 # A BRDF sample hits a lamp by chance. For its weight we need the density with which
-# light sampling *would have* drawn the same direction. This density contains
-# :math:`q_k` of the lamp that the sample hits.
+# light sampling *would have* drawn the same direction. This density contains the
+# probability :math:`q_k` of the lamp that the sample hits.
 def light_density(x, wi, q):
     """Return p_l of directions, with the probability of the lamp, and the lamp met."""
     met = lamp_met(x, wi)
@@ -150,9 +150,9 @@ for name, table in (("right", right), ("forgets q", wrong)):
     print(f"{name:9}: light {means[0]}, BRDF {means[1]}, balance {means[2]}")
 
 # %%
-# Up to noise each technique alone is right in both renderers, because it divides only
-# by its own density. But the mixture is too dark, which is hard to see. The doctor
-# finds the fault from the samples:
+# Up to noise each technique alone has the right mean, even with this mistake, because
+# it divides only by its own density. But with the balance heuristic the image is too
+# dark, which is hard to see. The doctor finds the fault from the samples:
 print(dmis.doctor(right).text(), "\n")
 print(dmis.doctor(wrong).text())
 
@@ -216,8 +216,8 @@ axis.legend()
 # Mirrors have no :math:`D_{k-1}`, so after a mirror :math:`E_k` must count. It also
 # counts at the first surface, k = 0.
 #
-# **The mistake** is to add :math:`E_k` at every surface. Here are the floor's samples
-# again, with next rays from the same BRDF.
+# **The mistake** is to add :math:`E_k` at every surface. Here the light that the next
+# ray finds is added to the floor's direct light.
 gathered = estimates(right).sum(axis=0).ravel()
 onwards = brdf_samples(len(point))
 met = lamp_met(point, onwards)
@@ -229,8 +229,9 @@ for name, values in (("once", gathered), ("twice", gathered + met_again)):
 # %%
 # The floor gets twice the light everywhere, which is invisible without a second image.
 # The doctor cannot find this fault, because all samples are right and only their sum is
-# wrong. A white furnace test shows it. A comparison also shows it: direct light and
-# paths of one surface must have the same mean. In dmis both images have the same bits.
+# wrong. A white furnace test shows the fault. A comparison also shows the fault: direct
+# light and paths of one surface must have the same mean. In dmis both images have the
+# same bits.
 scene = dmis.load_scene("cornell", resolution=(24, 24) if QUICK else (96, 96))
 ways = {"direct": {}, "path": {"max_depth": 1}}
 images = [
