@@ -296,7 +296,7 @@ def sentences() -> dict[str, list[str]]:
             f"**Numbers of camera samples** save {saved(of('counts'))} in geometric mean.",
             "from {} to {} of the variance on the teapot and from {} to {} on killeroo-diffuse".format(*edges),
             "{} instead of {} on the teapot, and {} instead of {} on killeroo-diffuse.".format(*best),
-            f"Rules that tilt are {over[0]} to {over[-1]} % above their bound in the mean.",
+            f"Rules with tilts are {over[0]} to {over[-1]} % above their bound in geometric mean.",
             f"Of {pairs} pairs {differ} ({differ / pairs:.0%}) change places.".replace("%)", " %)"),
         ],
     }
