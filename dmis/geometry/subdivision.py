@@ -162,7 +162,25 @@ def _refine(net: _HalfEdges) -> tuple[Any, _HalfEdges]:
     middle = (count + number).reshape(-1, 3)
     corner = np.stack([faces, middle, np.roll(middle, 1, axis=1)], axis=2)
     children = np.concatenate([corner, middle[:, None]], axis=1).reshape(-1, 3)
-    return rule, _half_edges(children, count + edges)
+    valence = np.concatenate([net.valence, np.where(edge[owner], 4, 6)])
+    rim = np.concatenate([net.rim, edge[owner]])
+    return rule, _HalfEdges(children, _twins_of_children(twin), children.ravel(), _turn(children, 1), valence, rim)
+
+
+def _twins_of_children(twin: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the twins (12F,) of the half-edges of the four children of each face, of the twins (3F,) of the faces.
+
+    Half-edge h = 3f + k has two halves: half-edge 0 of child k, and half-edge 2 of child k + 1 of face f. In between,
+    half-edge 1 of child k + 1 is the twin of half-edge k of child 3.
+    """
+    face, k = np.divmod(np.arange(len(twin)), 3)
+    first, second = 12 * face + 3 * k, 12 * face + 3 * ((k + 1) % 3) + 2
+    inner, centre = second - 1, 12 * face + 9 + k
+    twins = np.full(4 * len(twin), -1)
+    twins[inner], twins[centre] = centre, inner
+    shared = twin >= 0
+    twins[first[shared]], twins[second[shared]] = second[twin[shared]], first[twin[shared]]
+    return twins
 
 
 def _limit_normals(points: Floats, net: _HalfEdges) -> Floats:

@@ -172,6 +172,14 @@ def test_loop_counts_and_euler(cage, levels):
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1)
 
 
+@cages
+def test_loop_refines_half_edges(cage):
+    """Those of the children of all faces are the ones that are found without their parents."""
+    rule, net = subdivision._refine(net_of(*cage))
+    found = subdivision._half_edges(net.faces, rule.shape[0])
+    assert all(np.array_equal(value, vars(net)[name]) for name, value in vars(found).items())
+
+
 def edges_of(faces: np.ndarray) -> np.ndarray:
     """Undirected edges, (E, 2)."""
     return np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
