@@ -11,10 +11,10 @@ FIGURES ?= thesis/ why_the_parabola_fails nets
 SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo figures publish tables test test-slow bench bench-kernels check format docs clean
+.PHONY: help setup demo figures publish tables test test-examples test-slow bench bench-kernels check format docs clean
 
 help:  ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-15s %s\n", $$1, $$2 }' Makefile
 
 setup: $(READY)  ## make .venv and install dmis in it (editable, with all extras and the tools)
 
@@ -39,6 +39,9 @@ tables: $(READY)  ## list the tables and pictures of the pages, and why some of 
 
 test: $(READY)  ## run the tests (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal
+
+test-examples: $(READY)  ## run every figure script, measurement, tutorial and notebook at its small size (minutes)
+	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal -m "examples and not slow"
 
 test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders
 	$(BIN)/python -m pytest -m slow

@@ -19,6 +19,8 @@ import dmis
 from dmis import intersect
 from dmis.geometry import shapes
 
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of the processes that tests start compiles dmis anew
+sys.dont_write_bytecode = False
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers of pytest-xdist, which occupy all cores
 intersect.CHECK_RAYS = True  # a NaN in a ray fails a test, in place of looking like a hang
 

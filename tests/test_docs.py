@@ -42,6 +42,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("references")
 
 
+@pytest.mark.examples
 @pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda tutorial: tutorial.stem)
 def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
     """Small, in an empty folder, without a word on standard error; without a screen it leaves its pictures as files.

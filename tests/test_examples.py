@@ -78,6 +78,7 @@ def test_every_figure_of_the_thesis_has_its_script():
     assert all(any(f"plot_{name}" in script.stem for script in FIGURES) for name in THESIS)
 
 
+@pytest.mark.examples
 @pytest.mark.parametrize("script", FIGURES, ids=lambda script: script.stem)
 def test_figure(script, run, cache, tmp_path):
     """It runs without a word on standard error, and draws."""
@@ -103,6 +104,7 @@ def test_figure_of_the_original_scenes(script, cache, tmp_path, pbrt_scenes):
     check(picture)
 
 
+@pytest.mark.examples
 def test_contact_sheet(run, tmp_path):
     """One line per script; a page that shows what there is."""
     script = ROOT / "examples" / "make_figures.py"
@@ -154,6 +156,7 @@ def test_steps_in_the_cells_are_the_rules(stem, cache, tmp_path, monkeypatch):
         assert np.array_equal(status, cases)
 
 
+@pytest.mark.examples
 def test_errors_are_resumed(run, tmp_path, monkeypatch):
     """A row for each render; a second run renders nothing, and more seeds leave the rows of the first."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path))
@@ -278,6 +281,7 @@ MEASUREMENTS = [
 """Scripts that measure, the module with their tables if it is another, arguments, and parts of the tables."""
 
 
+@pytest.mark.examples
 @pytest.mark.parametrize("script, module, arguments, counts", MEASUREMENTS)
 def test_measurements_are_resumed_and_make_tables(run, tmp_path, monkeypatch, script, module, arguments, counts):
     """A second run measures nothing again; tables come from the rows alone."""
@@ -308,6 +312,7 @@ def test_cluster_tables(cache, tmp_path, monkeypatch):
     assert "| 2 worker processes |" in lines[-2] and "nan" not in " ".join(lines) and len(lines) == 6
 
 
+@pytest.mark.examples
 def test_stability_figure(run, tmp_path):
     """Float32 against float64, which is a process of its own."""
     picture = tmp_path / "figure.png"
@@ -316,6 +321,7 @@ def test_stability_figure(run, tmp_path):
     check(picture)
 
 
+@pytest.mark.examples
 def test_doctor_figure(run, tmp_path):
     """Nine faults beside the right images: those of two sides lose half of the light, mixed normals next to none."""
     picture = tmp_path / "doctor.png"
