@@ -12,9 +12,9 @@ from dmis.experiment.runs import Run
 def equal_time_ratio(rule: Sequence[Run], baseline: Sequence[Sequence[Run]], measure: Measure = "mse") -> Interval:
     """Return the error of a rule over that of the baseline in the same CPU seconds.
 
-    The error of low-discrepancy points falls faster than 1 / time, so `dmis.experiment.convergence.error_times` is not
-    the ratio in equal time where the rule's seconds differ from the baseline's. Here the baseline's error at time T is
-    read off its line in log-log between the two nearest budgets, beyond the last on that line's continuation:
+    The error of low-discrepancy points falls faster than 1 / time, so the ratio of error times CPU seconds is not the
+    ratio in equal time where the rule's seconds differ from the baseline's. Here the baseline's error at time T is read
+    off its line in log-log between the two nearest budgets, beyond the last on that line's continuation:
 
         log B(T) = (1 - x) log B_1 + x log B_2,  x = log(T / T_1) / log(T_2 / T_1)
 

@@ -55,7 +55,7 @@ class ErrorRatios:
     over_pinned
         The same ratio to the pinned baseline (`dmis.experiment.runs.PINNED`); NaN if it was not measured.
     error_time, error_time_over_pinned
-        Ratios of means over seeds of error times CPU seconds, see `error_times`.
+        Ratios of means over seeds of error times CPU seconds.
     equal_time
         Error over that of the balance heuristic in the same seconds.
     extrapolated
@@ -130,18 +130,6 @@ def interpolate_log_log(x: Array, y: Array, at: float) -> tuple[float, bool]:
     nearest = np.clip(at, x[0], x[-1])
     value = np.exp(np.interp(np.log(nearest), np.log(x), np.log(y))) * nearest / at
     return float(value), bool(x[0] <= at <= x[-1])
-
-
-def error_times(rules: Sequence[Sequence[Run]], baseline: Sequence[Run], measure: Measure = "mse") -> list[Interval]:
-    """Return the error times CPU seconds of each of `rules` over that of `baseline`.
-
-    That is the inverse of the ratio of efficiencies, ``1 / (V T)``, which does not depend on the number of samples
-    if error falls as 1 / N.
-
-    Runs are of one number of samples, one per seed, in the same order of seeds: those of one seed are rendered in
-    turns, so what slows the machine down slows both. See `_ratios` for the intervals.
-    """
-    return _ratios([_errors(runs, measure, times_cpu=True) for runs in (baseline, *rules)])
 
 
 def _errors(runs: Sequence[Run], measure: Measure, times_cpu: bool = False) -> Array:

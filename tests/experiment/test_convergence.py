@@ -8,7 +8,7 @@ import pytest
 from helpers import run
 
 import dmis
-from dmis.experiment.convergence import error_times, gains, interpolate_log_log, line, over_scenes
+from dmis.experiment.convergence import _ratios, gains, interpolate_log_log, line, over_scenes
 from dmis.experiment.runs import PINNED, measure
 
 
@@ -118,9 +118,9 @@ def test_several_rules_share_one_level():
     wrong, alone = 0, []
     for _ in range(1500):
         mse, seconds = np.exp(0.2 * rng.standard_normal((2, 6, 4)))
-        rules = [[run("r", 8, k, t, m) for k, (t, m) in enumerate(zip(*of))] for of in zip(seconds, mse)]
-        wrong += any(not i.low <= 1 <= i.high for i in error_times(rules[1:], rules[0]))
-        alone.append([not i.low <= 1 <= i.high for r in rules[1:] for i in error_times([r], rules[0])])
+        balance, *rules = mse * seconds
+        wrong += any(not i.low <= 1 <= i.high for i in _ratios([balance, *rules]))
+        alone.append([not i.low <= 1 <= i.high for rule in rules for i in _ratios([balance, rule])])
     assert wrong / 1500 < 0.05 + 2 * 0.006 and np.any(alone, axis=1).sum() > 2 * wrong
     assert np.mean(alone) == pytest.approx(0.05, abs=0.01)
 
