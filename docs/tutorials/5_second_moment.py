@@ -227,8 +227,8 @@ axis.legend()
 # Starter files and solutions are on the page "Syllabus". Check your file with
 # ``python docs/exercises/checks N FILE``.
 #
-# 16. *Easy.* Compute the probability to miss a spike, and how many samples make it
-#     small (``16_missed.py``).
+# 16. *Easy.* Compute the probability to miss a spike, and how many samples make this
+#     probability small (``16_missed.py``).
 # 17. *Medium.* Estimate the second moment at every share (``17_second_moment.py``).
 # 18. *Hard.* Estimate the variance curve without bias, from two samples of each
 #     technique (``18_unbiased_curve.py``).

@@ -158,7 +158,7 @@ print(dmis.doctor(wrong).text())
 
 # %%
 # The doctor reports which column is wrong, in which rows, and by which factor: 4, which
-# is 1 / q. The figure shows the mean of each pixel: the wrong one is too dark
+# is 1 / q. The figure shows the mean of each pixel: the wrong mean is too dark
 # everywhere, most of all where both techniques contribute.
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
 for name, table in (("right", right), ("forgets q", wrong)):
@@ -216,8 +216,8 @@ axis.legend()
 # Mirrors have no :math:`D_{k-1}`, so after a mirror :math:`E_k` must count. It also
 # counts at the first surface, k = 0.
 #
-# **The mistake** is to add :math:`E_k` at every surface. Here the light that the next
-# ray finds is added to the floor's direct light.
+# **The mistake** is to add :math:`E_k` at every surface. Here the code adds the light
+# that the next ray finds to the floor's direct light.
 gathered = estimates(right).sum(axis=0).ravel()
 onwards = brdf_samples(len(point))
 met = lamp_met(point, onwards)
