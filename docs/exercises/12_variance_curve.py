@@ -1,8 +1,8 @@
 """Exercise 12 (hard): the variance as a function of the share.
 
-Take N samples, of which exactly w N are light samples, and the balance heuristic.
-Derive V, which is N times the variance of the mean of all samples. Samples of light
-sampling vary around their mean m_l, samples of BRDF sampling around m_b. The starter
+Take N samples, of which exactly w N are light samples, and weight them by the balance
+heuristic. Derive V, which is N times the variance of the mean of all samples. Light
+samples vary around their mean m_l, BRDF samples around their mean m_b. The starter
 computes V for samples that each pick their technique at random.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 12 mine.py``.

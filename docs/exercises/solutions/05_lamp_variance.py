@@ -1,7 +1,7 @@
 r"""Solution of exercise 5.
 
-E[X^2] is the integral of (2 pi u)^2 from cos T to 1, 4 pi^2 (1 - cos^3 T) / 3; the
-mean is pi sin^2 T.
+E[X^2] is the integral of (2 pi u)^2 from cos T to 1, which is
+4 pi^2 (1 - cos^3 T) / 3. The mean E[X] is pi sin^2 T.
 """
 
 import numpy as np
