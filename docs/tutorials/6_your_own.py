@@ -41,7 +41,7 @@ folder = Path(tempfile.mkdtemp())
 # A scene
 # -------
 # `dmis.load_mesh` reads OBJ, PLY, STL and GLB. The code first writes two such files;
-# use your own files instead. Lengths have the unit of the file. Radiance is in linear
+# use your own files instead. Lengths are in the unit of the file. Radiance is in linear
 # RGB.
 #
 # A scene has a camera, parts and lights. A part is a mesh with a material. A visible
@@ -213,10 +213,10 @@ layers, attributes = dmis.read_exr(path)
 print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 
 # %%
-# This rule loses at 16 samples: its whole interval is above 1. The map of its shares
-# shows why. In the red patches of the floor the pilot's BRDF samples missed the lamp,
-# so their variance looked small. The rule ``second-moment`` wins at equal samples, with
-# a pilot of six samples instead of four.
+# The rule ``quieter`` loses at 16 samples: the whole interval of its ratio is above 1.
+# The map of its shares shows why. In the red patches of the floor the pilot's BRDF
+# samples missed the lamp, so their variance looked small. The rule ``second-moment``
+# wins at equal samples, with a pilot of six samples instead of four.
 #
 # Does your rule win at equal samples? Does it also win in equal time, and on your own
 # scenes?
