@@ -129,8 +129,8 @@ def front() -> list[str]:
         best = show_mitsuba.best(mitsuba, scene.split()[0], "auto", "relmse")
         cells = [cell(*over(scene, AUTO, SOBOL, measure)) for measure in MEASURES]
         rows.append([title(scene), *cells, "–" if best is None else show_mitsuba.cell(best)])
-    head = [f"{error} over `balance`, same points" for error in MEASURES.values()]
-    return markdown(["scene", *head, "relMSE over Mitsuba's best sampler"], rows)
+    heads = ("`auto`: relMSE over `balance`", "`auto:error=absolute`: MSE over `balance`")
+    return markdown(["scene", *heads, "`auto`: relMSE over Mitsuba's best sampler"], rows)
 
 
 def tables() -> dict[str, list[str]]:
@@ -167,13 +167,13 @@ def sentences() -> dict[str, list[str]]:
     overhead = sorted(100 * median(of_scene) for of_scene in few)
     return {
         "README.md": [
-            f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} % of the relative error",
-            f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % of the squared error on all six",
-            f"Sobol points cut the relMSE of this baseline to {points}",
+            f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} %",
+            f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % on all six",
+            f"Sobol points cut this error to {points}",
             f"(docs/rules.md#sky-compensation) to {percent(mean_of('sky compensation', 'relmse'))} (on TT)",
             f"numbers of samples per pixel and light to {numbers}",
             f"learned shares of light samples to {shares}",
-            f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of its relMSE",
+            f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE of this baseline",
         ],
         "measurements.md": [
             f"{overhead[0]:.0f} to {overhead[-1]:.0f} % of the time of `auto` at {budgets()[0]} samples",
