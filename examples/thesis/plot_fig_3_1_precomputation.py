@@ -79,9 +79,9 @@ figure.colorbar(shown, ax=axes[1], label="variance of a sample (luminance²)", p
 opts.save_for_print(
     figure,
     "Figure 3.1: the pilot",
-    f"""Pilots of 2 camera samples per pixel with each strategy. BRDF sampling looks
-    dark, because its light is in few bright pixels, which are clipped. Second row:
-    sample variances of the teapot, averaged over patches of {PATCH}x{PATCH} pixels
-    (darkest: 0.0001 or less).""",
+    f"""Pilots of 2 camera samples per pixel; KILLEROO GOLD by paths. The headlight, a
+    delta light, shows in all columns. BRDF sampling looks dark, because its light is in
+    few bright pixels, which are clipped. Second row: sample variances, averaged over
+    patches of {PATCH}x{PATCH} pixels (darkest: 0.0001 or less).""",
     panel=axes[1, 0],
 )

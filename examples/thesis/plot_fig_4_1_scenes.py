@@ -4,8 +4,9 @@ Figure 4.1: the four scenes
 
 The four scenes of the thesis, rendered with the balance heuristic. All rules have the
 same expected image, and this figure shows only what is in the scenes. Cameras, lights
-and most materials are the thesis's. The meshes that come with dmis, and the sky of TT,
-are its own, because the killeroo and the car may not be redistributed.
+and most materials are those of pbrt-v2's public files. KILLEROO DIFFUSE, which has no
+such file, is KILLEROO GOLD with a matte creature. The meshes that come with dmis, and
+the sky of TT, are its own, because the killeroo and the car may not be redistributed.
 ``--scene-dir`` renders the original files.
 
 A plastic pot stands on a plastic board, under a disk of radius 2 that is partly in
@@ -57,10 +58,10 @@ for half, pair in zip(figure.subfigures(1, 2), (titles[::3], titles[1:3]), stric
 opts.save_for_print(
     figure,
     "Figure 4.1: the four scenes",
-    f"""Cameras, lights and most materials are the thesis's; meshes and TT's sky are
-    dmis's. Balance heuristic, pbrt-v2's low-discrepancy points. Direct lighting at
-    {SPP} camera samples per pixel; both killeroo scenes by paths at {PATHS["spp"]}.
-    sRGB without tone mapping: values above 1 are clipped.""",
+    f"""Cameras, lights and most materials are those of pbrt-v2's public files (KILLEROO
+    DIFFUSE: GOLD made matte); meshes and TT's sky are dmis's. {results["TT"].shape[1]}
+    pixels wide, balance heuristic, pbrt-v2's points. Direct light at {SPP} camera
+    samples per pixel; killeroos by paths at {PATHS["spp"]}. sRGB, clipped at 1.""",
     panel=axes[0],
     dpi=235,
 )
