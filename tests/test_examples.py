@@ -233,7 +233,7 @@ def test_tables_of_planted_errors(tmp_path, monkeypatch):
         f"| TT | independent, 1/4, 2 seeds | {mse:.2e} (8.252e-06): {mse / 8.252e-6:.2g} | 2.000 ± 0.000 (1.286) | no |"
         f" {bound:.3f} | {8 / 3:.3f} (1.299) | 48 +33% (147 +4%) | {ratio:.3f} ± {half:.3f} |"
     ) in printed
-    assert f"| patch 4 | {' | '.join(4 * ['1.000 ± 0.000'])} | 0.180 |" in printed
+    assert f"| patches of 4×4 pixels | {' | '.join(4 * ['1.000 ± 0.000'])} | 0.180 |" in printed
 
 
 def test_results_about_the_sun_are_those_of_the_page():
