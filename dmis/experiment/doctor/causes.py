@@ -126,15 +126,11 @@ def name_causes(table: Table, seed: int = 0) -> list[Cause]:
     screened = {}
     for cause in candidates(few):
         q = [misfit(*few.moments(cause.column, _shift(few, cause, log_factor))) for log_factor in LOG_FACTORS]
-        start = LOG_FACTORS[np.argmin(q)]
-        screened[cause] = _fit(few, cause, [0, start])
+        screened[cause] = _fit(few, cause, [0, LOG_FACTORS[np.argmin(q)]])
     best = sorted(screened, key=lambda cause: screened[cause].misfit)[:KEPT]
-    # small faults show in many rows only
-    gains = {}
-    for cause in candidates(evidence):
-        if not cause.measure:
-            _, step, curvature = _newton(evidence, cause)
-            gains[cause] = step**2 * curvature  # by how much a small factor lowers Q
+    # small faults show in many rows only: gains are by how much a small factor lowers Q
+    steps = {cause: _newton(evidence, cause) for cause in candidates(evidence) if not cause.measure}
+    gains = {cause: step**2 * curvature for cause, (_, step, curvature) in steps.items()}
     small = sorted(gains, key=lambda cause: -gains[cause])[:KEPT]
     starts = {cause: np.log(screened.get(cause, cause).factor) for cause in (*best, *small)}
     causes = [_fit(evidence, cause, [start]) for cause, start in starts.items()]

@@ -28,15 +28,15 @@ LABELS_TOLD = 4
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Rows of a table, in the order of the camera samples.
+    """Rows of a table: the first row of each camera sample, then the second rows, and so on.
 
-    `starts` are the first rows of camera samples, `weight` is how many rows of the table each stands for, `logs` has
-    logarithms of densities (times numbers of samples) and of f, `measures` those of measures by name, and `labels`
-    masks by names such as ``light 3``; ``(R,)`` each.
+    `blocks` are the numbers of first, second, ... rows; camera samples with more rows come first. `weight` is how many
+    rows of the table each stands for, `logs` has logarithms of densities (times numbers of samples) and of f,
+    `measures` those of measures by name, and `labels` masks by names such as ``light 3``; ``(R,)`` each.
     """
 
     is_light: Array
-    starts: Array
+    blocks: Array
     weight: Floats
     logs: dict[str, Floats]
     measures: dict[str, Floats]
@@ -53,20 +53,23 @@ class Evidence:
         """Return the terms of the sums m, ``(J, R)``, with the logarithm of a column lowered by `shift`."""
         logs = self.logs | ({column: self.logs[column] - shift} if column else {})
         x = np.tanh((logs["p_l"] - logs["p_b"]) / 2)  # (a_l - a_b) / (a_l + a_b)
-        estimate = logs["f"] - np.logaddexp(logs["p_l"], logs["p_b"])
+        # max(a_l, a_b) = (a_l + a_b) (1 + |x|) / 2: its logarithm takes a quarter of the time of logaddexp
+        estimate = logs["f"] - np.maximum(logs["p_l"], logs["p_b"]) + np.log((1 + np.abs(x)) / 2)
         lit = np.isfinite(estimate)
         middle = estimate[lit].mean() if lit.any() else 0.0
         bounded = 1 / (1 + np.exp(middle - estimate))
-        functions = [np.ones_like(x), x, x * x, bounded, bounded * x, bounded * bounded]
+        terms = np.stack([np.ones_like(x), x, x * x, bounded, bounded * x, bounded * bounded, *self._fixed])
         # a_b / (a_l + a_b) of light samples, -a_l / (a_l + a_b) of BRDF samples
-        signed = np.where(self.is_light, 1 - x, -1 - x) * (self.weight / 2)
-        return np.concatenate([functions, self._fixed]) * signed
+        terms *= np.where(self.is_light, 1 - x, -1 - x) * (self.weight / 2)
+        return terms
 
     def moments(self, column: str = "", shift: Floats | float = 0.0) -> tuple[Floats, Floats]:
         """Return the sums m of the terms, ``(J,)``, and their covariance C."""
-        d = np.add.reduceat(self.terms(column, shift), self.starts, axis=1)
-        total = d.sum(axis=1)
-        covariance = d @ d.T - np.outer(total, total) / d.shape[1]
+        sums, *blocks = np.split(self.terms(column, shift), np.cumsum(self.blocks)[:-1], axis=1)
+        for block in blocks:  # sums over camera samples, in place: several times as fast as np.add.reduceat
+            sums[:, : block.shape[1]] += block
+        total = sums.sum(axis=1)
+        covariance = sums @ sums.T - np.outer(total, total) / sums.shape[1]
         return total, covariance
 
 
@@ -94,11 +97,8 @@ def joint_test(table: Table, seed: int = 0) -> float:
 
     A few large samples, to which Q is not chi-square, are in one half only.
     """
-    values = []
-    for half in (0, 1):
-        m, covariance = gather(table, JOINT, seed, half).moments()
-        values.append(p_value(len(m), misfit(m, covariance)))
-    return max(values)
+    halves = (gather(table, JOINT, seed, half).moments() for half in (0, 1))
+    return max(p_value(len(m), misfit(m, covariance)) for m, covariance in halves)
 
 
 def gather(table: Table, most: int, seed: int, half: int | None = None) -> Evidence:
@@ -114,6 +114,10 @@ def gather(table: Table, most: int, seed: int, half: int | None = None) -> Evide
     if half is not None:
         chosen[1 - half :: 2] = False
     rows = np.flatnonzero(chosen[table.sample] & (~table.is_light | (rng.random(len(table)) < keep)))
+    starts = np.flatnonzero(np.diff(table.sample[rows], prepend=-1))
+    counts = np.diff(starts, append=len(rows))
+    rank = np.arange(len(rows)) - np.repeat(starts, counts)  # 0 for the first row of a camera sample
+    rows = rows[np.lexsort((-np.repeat(counts, counts), rank))]
     is_light, f, a_l, a_b = (a[rows] for a in (table.is_light, table.f, table.a_l, table.a_b))
     labels: dict[str, Array] = {}
     for name, column in table.labels.items():
@@ -124,8 +128,8 @@ def gather(table: Table, most: int, seed: int, half: int | None = None) -> Evide
                 labels[f"{name} {value}"] = mask
     with np.errstate(divide="ignore"):  # f may be 0
         logs = {"p_l": np.log(a_l), "p_b": np.log(a_b), "f": np.log(f)}
-    starts = np.flatnonzero(np.diff(table.sample[rows], prepend=-1))
-    return Evidence(is_light, starts, np.where(is_light, 1 / keep, 1.0), logs, dict(measures(table, rows)), labels)
+    weight = np.where(is_light, 1 / keep, 1.0)
+    return Evidence(is_light, np.bincount(rank), weight, logs, dict(measures(table, rows)), labels)
 
 
 def measures(table: Table, rows: Array) -> Iterator[tuple[str, Floats]]:
