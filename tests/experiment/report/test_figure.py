@@ -115,13 +115,13 @@ def test_tables_are_bold_where_the_interval_allows(made: tuple[Comparison, Path]
 def test_commands(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two commands make a figure with two crops and a table; what cannot be drawn is named."""
     folder = str(made[1])
-    for name in ("f.pdf", "f.png", "f.html"):
+    for name in ("f.pdf", "f.html"):
         assert main(["figure", folder, "-o", str(tmp_path / name), "--rules", "pbrt,balance", "--errors"]) == 0
-    said = capsys.readouterr().out
-    assert "--crops" in said and (tmp_path / "f.pdf").read_bytes().startswith(b"%PDF")
+    assert "--crops" in capsys.readouterr().out and (tmp_path / "f.pdf").read_bytes().startswith(b"%PDF")
     assert main(["table", folder, "-o", str(tmp_path / "t.tex")]) == 0
     crops = ["--crops", "0,0,8,8", "9,9,8,8"]
-    assert main(["figure", folder, "-o", str(tmp_path / "g.png"), *crops, "--metric", "mse"]) == 0
+    assert main(["figure", folder, "-o", str(tmp_path / "g.png"), *crops, "--metric", "mse", "--width", "3.5"]) == 0
+    assert (tmp_path / "g.png").read_bytes().startswith(b"\x89PNG")
     for more, message in (
         (["--crops", "0,0,8"], "--crops must be auto, or windows x,y,w,h"),
         (["--crops", "0,0,8,8", "9,9,9,8"], "crops of a figure must have one size; got 8x8, 9x8"),
