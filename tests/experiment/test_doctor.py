@@ -109,6 +109,26 @@ def test_smallest_error_is_named():
     assert factors[0] == pytest.approx(1 + 2 * least, rel=least) and causes[0].z == pytest.approx(10, rel=0.4)
 
 
+def test_measures_are_compared_in_all_units():
+    """Four of five far light samples and near BRDF samples are lost, which only the measure cos/d^2 shows."""
+    table = synthetic(4000)
+    table["distance"] *= 1e4
+    lost = ((table["distance"] > 1.5e4) == (table["technique"] == 0)) & (np.random.default_rng(9).random(8000) < 0.8)
+    wrong = {k: v[~lost] if np.shape(v)[:1] == (8000,) else v for k, v in table.items()}
+    assert joint_test(read_table(table)) > 1e-3 and joint_test(read_table(wrong)) < 1e-9
+
+
+def test_rows_of_a_camera_sample_are_summed():
+    """With one to four rows each, the joint test has the standard errors of the tests of means."""
+    table = synthetic(4000)
+    order = np.repeat(np.arange(8000), 1 + table["camera_sample"] % 2)
+    double = {k: v[order] if np.shape(v)[:1] == (8000,) else v for k, v in table.items()}
+    rows = read_table(double | {"light_samples": 2, "brdf_samples": 2})
+    m, covariance = gather(rows, FITTED, 0).moments()
+    t = [test.difference / test.error for test in means.tests(rows)[:2]]
+    assert (m / np.sqrt(np.diag(covariance)))[:2] == pytest.approx(t)
+
+
 def test_samples_of_one_technique_decide_nothing():
     """Blocks of pixels in which no BRDF sample could have been a light sample: there is nothing to compare."""
     scene = shared_scene("cornell", (24, 24))
