@@ -19,6 +19,13 @@ opts, _ = options("plot_eq_3_1_variance_is_mse", __doc__)
 PATCH = opts.pick(4, 16)
 SEEDS = range(3)
 
+
+def mean_of_patches(values):
+    """Return the mean over each whole patch, without smaller ones at the border."""
+    rows, columns = (side // PATCH for side in values.shape)
+    return patch_mean(values, PATCH)[:rows, :columns]
+
+
 # %%
 # The error of every patch, against a reference, averaged over seeds: MSE = mean of (x -
 # r₁)(x - r₂), with two independent halves r₁, r₂ of a reference.
@@ -32,7 +39,7 @@ images = [
 ]
 error = np.mean(
     [
-        patch_mean(squared_error(i.image, reference.first, reference.second), PATCH)
+        mean_of_patches(squared_error(i.image, reference.first, reference.second))
         for i in images
     ],
     axis=0,
@@ -42,7 +49,7 @@ error = np.mean(
 # The variance of every patch, Σ (x - mean)² / (n - 1) / n, estimates MSE = Var (Eq.
 # 3.1). It is measured on an image of many samples, and on one of two samples, scaled to
 # the same number. The techniques alone show the data of the thesis's pilot.
-many = patch_mean(images[0].variance.mean(axis=2), PATCH)
+many = mean_of_patches(images[0].variance.mean(axis=2))
 panels = {f"{opts.spp} samples, balance": (many, error)}
 for title, rule in (
     ("2 samples, balance", "balance"),
@@ -54,8 +61,8 @@ for title, rule in (
     # errors of a technique alone need many seeds: the variance of many samples instead
     if rule != "balance":
         many = dmis.render(scene, rule, opts.spp, seed=200, preset="thesis").variance
-        truth = patch_mean(many.mean(axis=2), PATCH)
-    panels[title] = patch_mean(few.mean(axis=2), PATCH) * 2 / opts.spp, truth
+        truth = mean_of_patches(many.mean(axis=2))
+    panels[title] = mean_of_patches(few.mean(axis=2)) * 2 / opts.spp, truth
 
 # %%
 # The estimate is right on the diagonal. Errors are in linear RGB². Far below it are
@@ -64,16 +71,18 @@ estimate, truth = panels["2 samples, BRDF alone"]
 cloud = np.mean(estimate < 1e-3 * truth)
 figure, axes = print_canvas(1, 4, 2.5, sharex=True, sharey=True)
 TICKS = {1e-8: "1e-8", 1e-6: "1e-6", 1e-4: "1e-4", 1e-2: "1e-2", 1: "1"}
+LEAST = 1e-9
+"""Least error and least estimate that are drawn."""
 told = []
 for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True):
-    kept = (truth > 1e-9) & (estimate > 1e-12)
-    x, y = truth[kept], estimate[kept]
-    off = np.abs(np.log10(y / x))
-    low = np.mean(estimate[truth > 1e-9] < 0.5 * truth[truth > 1e-9])
+    x, y = truth[truth > LEAST], estimate[truth > LEAST]
+    off = np.abs(np.log10(np.maximum(y, 1e-12) / x))
+    low = np.mean(y < 0.5 * x)
+    drawn = y > LEAST
     told.append((title, 10 ** np.median(off), low))
     shown = axis.hexbin(
-        x,
-        y,
+        x[drawn],
+        y[drawn],
         gridsize=40,
         xscale="log",
         yscale="log",
@@ -81,17 +90,17 @@ for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True
         mincnt=1,
         cmap="viridis",
     )
-    ends = np.array([1e-7, 1])
+    ends = np.array([LEAST, 1])
     axis.plot(ends, ends, color="tab:red")
-    axis.set(xlim=(1e-7, 1.5), ylim=(1e-9, 1.5))
-    axis.set_xticks(list(TICKS)[1:], list(TICKS.values())[1:])
+    axis.set(xlim=(LEAST, 1.5), ylim=(LEAST, 1.5))
+    axis.set_xticks(list(TICKS)[::2], list(TICKS.values())[::2])
     axis.set_yticks(list(TICKS), list(TICKS.values()))
     axis.set_title(title.replace(", ", ",\n"))
     alone = "alone" in title
     axis.set_xlabel(f"variance of {opts.spp}\nothers / {opts.spp}" if alone else "MSE")
     print(
-        f"{title:26} typical factor {10 ** np.median(off):5.2f}; {low:6.1%} of the"
-        " patches below half of the truth"
+        f"{title:26} median factor {10 ** np.median(off):5.2f}; {low:6.1%} of the"
+        f" patches below half of the truth; {drawn.sum()} of {truth.size} drawn"
     )
 axes[0, 0].set_ylabel(f"variance of the samples / {opts.spp}")
 figure.colorbar(shown, ax=axes, label="patches", pad=0.01)
@@ -99,7 +108,7 @@ opts.save_for_print(
     figure,
     "Equation 3.1: variance is error, and what two samples know of it",
     f"""KILLEROO DIFFUSE, patches of {PATCH}x{PATCH} pixels. On the red line samples
-    report the true error: {opts.spp} typically within a factor of {told[0][1]:.2g}.
-    With two BRDF samples {told[2][2]:.0%} of the patches report less than half. In the
-    cloud at 1e-8 ({cloud:.0%}) none met the lamp: the headlight's variance is left.""",
+    report the true error: {opts.spp} samples within a factor of {told[0][1]:.2g} in
+    half of the patches. With two BRDF samples {told[2][2]:.0%} report less than half.
+    In the cloud ({cloud:.0%}) none met the lamp: the headlight's variance is left.""",
 )
