@@ -14,6 +14,7 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.examples.gallery import options, print_canvas
+from dmis.experiment.metrics import ratio
 
 opts, _ = options("plot_fig_3_3_mse_curve_killeroo_gold", __doc__)
 SPP = opts.pick(8, 512)
@@ -49,8 +50,8 @@ def variance(colour, w, spp, seed):
 
 
 # %%
-# **The curve**: many samples at eleven weights; the mean of several seeds, and twice
-# its standard error.
+# **The curve**: many samples at eleven weights; the mean of several seeds over that at
+# w = 1/2, and half of the 95 % interval of this ratio, by Student's t.
 W = np.linspace(0, 1, 11)
 seeds = {
     colour: np.array(
@@ -62,8 +63,9 @@ seeds = {
     for colour in patches
 }
 curves = {colour: y.mean(axis=0) for colour, y in seeds.items()}
-errors = {
-    colour: 2 * y.std(axis=0, ddof=1) / np.sqrt(SEEDS) for colour, y in seeds.items()
+halves = {
+    colour: np.array([ratio(of_weight, y[:, 5])[1] for of_weight in y.T])
+    for colour, y in seeds.items()
 }
 
 # %%
@@ -93,7 +95,7 @@ for colour, y in points.items():
     low, middle, high = np.quantile(learned[colour], (0, 0.5, 1))
     curve = curves[colour] / y[1]
     print(f"{colour:4} V(w) / V(1/2): {np.round(curve, 2)}")
-    print(f"{colour:4} ± {np.round(errors[colour] / y[1], 2)}")
+    print(f"{colour:4} ± {np.round(halves[colour], 2)}")
     print(
         f"{colour:4} parabola {minimum(y):.2f}, least variance at"
         f" {W[curve.argmin()]:.1f}, pilots {middle:.2f} ({low:.2f} to {high:.2f})"
@@ -119,7 +121,7 @@ for colour, name in {"red": "gold", "blue": "floor"}.items():
     axis.errorbar(
         W,
         curves[colour] / unit,
-        errors[colour] / unit,
+        halves[colour],
         fmt="o-",
         capsize=2,
         color=f"tab:{colour}",
@@ -145,14 +147,20 @@ figure.legend(  # error bars would be the last entry
     ncols=4,
 )
 ends = {colour: (y[0] / y[1], y[2] / y[1]) for colour, y in points.items()}
-end = errors["blue"][-1] / points["blue"][1]
+told = {
+    colour: [
+        f"{end:.1f} ± {halves[colour][k]:.1f}"
+        for end, k in zip(of, (0, -1), strict=True)
+    ]
+    for colour, of in ends.items()
+}
 opts.save_for_print(
     figure,
     "Figure 3.3: error against weight, KILLEROO GOLD",
-    f"""Sample variance by paths, over that at w = ½: on the gold
-    {ends["red"][0]:.1f} at w = 0, {ends["red"][1]:.1f} at w = 1; on the floor
-    {ends["blue"][0]:.0f} and {ends["blue"][1]:.1f} ± {end:.1f}. Bars: two standard
-    errors of {SEEDS} seeds. Parabolas are least at {minimum(points["red"]):.2f} and
-    {minimum(points["blue"]):.2f}. Below: {PILOTS} two-sample pilots.""",
+    f"""Sample variance by paths over that at w = ½: on the gold {told["red"][0]} at
+    w = 0, {told["red"][1]} at w = 1; floor: {told["blue"][0]} and
+    {told["blue"][1]} (95 %, {SEEDS} seeds). Parabolas are least at
+    {minimum(points["red"]):.2f}, {minimum(points["blue"]):.2f}. Below: {PILOTS}
+    two-sample pilots.""",
     panel=axes["red"],
 )
