@@ -127,12 +127,13 @@ for name, scene in scenes.items():
 
 # %%
 # The thesis's four panels: (a, b) the maps without and with the filter, (c, d) the
-# framed part of them. Then that part of the images: where the lamp shines on a patch
-# in which BRDF samples alone count, bright dots stay without the filter.
+# framed part of them; (e) to (h) are those of KILLEROO DIFFUSE. Then that part of the
+# images: where the lamp shines on a patch in which BRDF samples alone count, bright
+# dots stay without the filter.
 figure, axes = print_canvas(4, 3, 7.9, height_ratios=[1, 1, 0.75, 0.75])
-letters = {"without the filter": "ac", "with the filter": "bd"}
-for line, (name, title) in zip(axes, maps, strict=True):
-    part, (whole, framed) = window(scenes[name], *CROPS[name]), letters[title]
+letters = ("ac", "bd", "eg", "fh")
+for line, (whole, framed), (name, title) in zip(axes, letters, maps, strict=True):
+    part = window(scenes[name], *CROPS[name])
     value, half = ratios[name, title]
     shown = plot.weights(line[0], maps[name, title], f"({whole}) {title}")
     plot.mark(line[0], part, "black", 1.2)
@@ -148,9 +149,9 @@ told = [f"{value:.2f} ± {half:.2f}" for value, half in ratios.values()]
 opts.save_for_print(
     figure,
     "Figure 3.5: weights without and with the filter",
-    f"""Weights (a) of the fit, (b) filtered; (c, d) framed part; images of
-    {opts.spp - 6} samples. MSE over that of the balance heuristic, 95 % intervals,
-    without and with filter: TEAPOT AREA LIGHT {told[0]} and {told[1]}; KILLEROO DIFFUSE
-    {told[2]} and {told[3]}.""",
+    f"""Weights (a, e) of the fit, (b, f) after the 5x5 Gaussian (sigma one patch);
+    images of {opts.spp - 6} samples, one seed. MSE over that of balance without and
+    with filter: {told[0]} and {told[1]} (teapot), {told[2]} and {told[3]} (KILLEROO
+    DIFFUSE; 95 % intervals).""",
     panel=axes[2, 0],
 )
