@@ -45,10 +45,8 @@ def errors(rows: list[dict[str, str]]) -> list[str]:
 def noise(rows: list[dict[str, str]]) -> str:
     """Return a sentence on the references."""
     shares = {row["scene"]: float(row["noise"]) for row in rows}
-    texts = [
-        f"{100 * share:.1f} %{' (**more than 5 %**)' * (share > 0.05)} on {scene}" for scene, share in shares.items()
-    ]
-    return f"The noise of a reference, divided by the smallest error of its scene, is {', '.join(texts)}."
+    texts = [f"{100 * share:.3g} % on {scene}{' (**too noisy**)' * (share > 0.05)}" for scene, share in shares.items()]
+    return f"A reference's noise should be at most 5 % of the smallest error on its scene. It is {', '.join(texts)}."
 
 
 def speeds() -> list[str]:

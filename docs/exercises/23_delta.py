@@ -20,7 +20,7 @@ def contribution(f, p_l, p_b, by_brdf, mirrored):
         radiance times cosine, not divided by a density.
     p_l, p_b
         Densities of both techniques in the sample's direction. For rays from a mirror
-        p_b is 0, but p_l is not if the ray hits a lamp. If nothing was drawn, both
+        p_b is 0, and p_l is above 0 if the ray hits a lamp. If nothing was drawn, both
         densities are 0.
     by_brdf, mirrored
         Whether BRDF sampling drew the direction, and whether the mirror did; bool.

@@ -138,7 +138,7 @@ axes[1].legend()
 # **The mistake.** For a BRDF sample, the renderer computes the density of a point on
 # the lamp, but forgets the probability :math:`q_k` of the lamp.
 def forgets_q(x, wi, q):
-    """Return p_l of a lamp alone: the probability of the lamp is missing."""
+    """Return p_l without the factor q_k. This is wrong."""
     return light_density(x, wi, np.ones(4))
 
 

@@ -1,8 +1,8 @@
 """Solution of exercise 20: (1 - cos) / pi, one of the two factors of the BRDF.
 
 Its distribution function in c = cos is 1 - (1 - c)^2. The ratio f cos / p is then in
-proportion to c (1 - c), which varies little. The density 3 (1 - c)^2 / (2 pi), in
-proportion to the whole BRDF, is worse: its ratio is in proportion to c, and the
+proportion to c (1 - c), with a relative variance of 0.2. The density 3 (1 - c)^2 / (2
+pi), in proportion to the whole BRDF, is worse: its ratio is in proportion to c, and the
 relative variance is 0.6, three times as large.
 """
 
