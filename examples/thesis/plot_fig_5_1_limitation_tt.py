@@ -161,12 +161,13 @@ bar.set_ticks([0.5, 0.7, 1, 1.4, 2], labels=["0.5", "0.7", "1", "1.4", "2"])
 bar.minorticks_off()
 for axis in axes.flat:
     axis.set_axis_off()
+side = "below" if value + half < 1.286 else "not below"
 opts.save_for_print(
     figure,
     "Figure 5.1: noisy weights, TT",
     f"""TT with dmis's own sun: weights (a) of the fit (no minimum in {flat:.0%} of the
     patches; dark red: w = 0), outlining car and shadow; (c) filtered, without outline.
-    (e, f): errors by patch. MSE ratio: {value:.2f} ± {half:.2f}, below the thesis's
+    (e, f): errors by patch. MSE ratio: {value:.2f} ± {half:.2f}, {side} the thesis's
     1.286; nearest: 1.39 ± 0.10; sunless: 0.882.""",
     panel=axes[0, 2],
 )
