@@ -88,6 +88,8 @@ for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True
         yscale="log",
         bins="log",
         mincnt=1,
+        vmin=1,
+        vmax=100,
         cmap="viridis",
     )
     ends = np.array([LEAST, 1])
