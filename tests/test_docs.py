@@ -87,6 +87,7 @@ def run(stem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNam
     return SimpleNamespace(**runpy.run_path(str(ROOT / "docs" / "tutorials" / f"{stem}.py")))
 
 
+@pytest.mark.examples
 def test_one_batch_agrees_with_render(tmp_path, monkeypatch):
     """The image of tutorial 0 is that of `dmis.render` by z-tests: of its pixels, and of its mean."""
     import dmis
@@ -102,6 +103,7 @@ def test_one_batch_agrees_with_render(tmp_path, monkeypatch):
     assert 0.8 < z.std() < 1.15 and np.mean(np.abs(z) > 3) < 0.015
 
 
+@pytest.mark.examples
 def test_plates_of_both_techniques_are_the_image(tmp_path, monkeypatch):
     """Below the lamps the two plates of tutorial 3 add up to its image, pixel by pixel; the floor is blue."""
     mis = run("3_mis", tmp_path, monkeypatch)
@@ -161,6 +163,7 @@ def test_one_batch_is_short():
     assert "stream(" in batch and lines[-1].startswith("image = ") and len(lines) <= 40
 
 
+@pytest.mark.examples
 def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
     """Tutorial 4 finds the weights of the rule bit for bit from the same pilot; its image agrees by z-tests."""
     import dmis
@@ -287,6 +290,7 @@ def test_every_room_is_in_the_page_about_the_code():
     assert [name for name in files if not (ROOT / "dmis" / name).exists() and not (ROOT / name).exists()] == []
 
 
+@pytest.mark.examples
 def test_demo_quick(run_script, tmp_path):  # noqa: F811
     """The demo prints its table and draws its picture."""
     picture = tmp_path / "demo.png"

@@ -136,6 +136,7 @@ def test_other_scenes_are_not_published(script, options, message, tmp_path, monk
     assert not (tmp_path / "docs").exists()
 
 
+@pytest.mark.examples
 @pytest.mark.parametrize("stem", ["fig_3_4_weights", "fig_3_5_filter", "fig_5_1_limitation_tt", "table_4_1"])
 def test_steps_in_the_cells_are_the_rules(stem, cache, tmp_path, monkeypatch):
     """What a figure computes in its cells from the pilots is what the library's fit gives."""
