@@ -40,7 +40,7 @@ tables: $(READY)  ## list the tables and pictures of the pages, and why some of 
 test: $(READY)  ## run the tests (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal
 
-test-examples: $(READY)  ## run every figure script, measurement, tutorial and notebook at its small size (minutes)
+test-examples: $(READY)  ## run every figure script, measurement, notebook, page and lesson at its small size (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal -m "examples and not slow"
 
 test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders

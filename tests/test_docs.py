@@ -22,6 +22,7 @@ TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("[0-9]_*.py"))
 CODE = {page: re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S) for page in PAGES}
 
 
+@pytest.mark.examples
 @pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize("page", [page for page, blocks in CODE.items() if blocks], ids=lambda page: page.name)
 def test_python_blocks_run(page, tmp_path, monkeypatch):

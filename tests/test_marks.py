@@ -96,6 +96,7 @@ DISHONEST = {
 """Names and texts of hand-ins of exercise 1, and their first failure."""
 
 
+@pytest.mark.examples
 def test_a_folder_is_marked(tmp_path: Path) -> None:
     """Each file has its line, whatever it does; the table has passed and total."""
     for name, (text, _) in DISHONEST.items():
