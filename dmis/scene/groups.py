@@ -208,7 +208,7 @@ def bind(lobe: Any, row: Index | None, uv: Array | None) -> Any:
         if isinstance(value, Image):
             texels = value(uv)  # type: ignore[arg-type]
             changes[name] = texels if name in lobe.colours else texels[0]
-        elif isinstance(value, Parameters):
+        elif not isinstance(value, np.ndarray | np.generic):
             changes[name] = bind(value, row, uv)
         elif row is not None:
             changes[name] = value.take(row, axis=-1)
