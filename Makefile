@@ -37,10 +37,10 @@ publish: $(READY)  ## make tables and pictures of the pages that are older than 
 tables: $(READY)  ## list the tables and pictures of the pages, and why some of them are old
 	$(BIN)/python benchmarks/publish.py --list
 
-test: $(READY)  ## run the tests (minutes)
+test: $(READY)  ## run the tests of the package (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal
 
-test-examples: $(READY)  ## run every figure script, measurement, notebook, page and lesson at its small size (minutes)
+test-examples: $(READY)  ## run the code of examples/ and docs/, small: figures, measurements, pages, lessons (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal -m "examples and not slow"
 
 test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders

@@ -13,6 +13,7 @@ import pytest
 
 from dmis.testing.outcome import Outcome
 
+pytestmark = pytest.mark.examples
 FOLDER = Path(__file__).parents[1] / "docs" / "exercises"
 STARTERS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
 sys.path.append(str(FOLDER / "checks"))
@@ -32,7 +33,6 @@ def failures(number: int, text: str) -> str:
     return "\n".join(f"{o.name}: {o.message}" for o in check(number, text) if not o.passed)
 
 
-@pytest.mark.examples
 @pytest.mark.parametrize("path", STARTERS, ids=lambda path: path.stem)
 def test_starter_fails_and_solution_passes(path: Path) -> None:
     """The starter's messages say what is wrong; the solution has several outcomes. The docstring has the command."""

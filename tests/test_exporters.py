@@ -12,6 +12,7 @@ from helpers import shared_scene
 import dmis
 from dmis.experiment.doctor.table import LABELS, read_table
 
+pytestmark = pytest.mark.examples
 ROOT = Path(__file__).parents[1]
 EXPORTERS = ROOT / "examples" / "exporters"
 sys.path[:0] = [str(ROOT / "benchmarks"), str(EXPORTERS)]

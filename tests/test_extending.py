@@ -28,6 +28,7 @@ from dmis.pipeline.job import resolve
 from dmis.samplers.streams import Independent
 from dmis.testing.scenes import box_scene
 
+pytestmark = pytest.mark.examples
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = "\n".join((DOCS / name).read_text("utf-8") for name in ("extending.md", "your-rule.md"))
 

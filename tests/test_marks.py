@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from test_exercises import FOLDER, check, failures, velvet
 
+pytestmark = pytest.mark.examples
 CHECKS = FOLDER / "checks"
 apart = importlib.import_module("apart")
 grading = importlib.import_module("grading")
@@ -96,7 +97,6 @@ DISHONEST = {
 """Names and texts of hand-ins of exercise 1, and their first failure."""
 
 
-@pytest.mark.examples
 def test_a_folder_is_marked(tmp_path: Path) -> None:
     """Each file has its line, whatever it does; the table has passed and total."""
     for name, (text, _) in DISHONEST.items():

@@ -22,6 +22,7 @@ from dmis.fit.round import Pilot
 from dmis.geometry import shapes, transforms
 from dmis.variance.moments import Moments
 
+pytestmark = pytest.mark.examples
 FILE = Path(__file__).parent.parent / "examples" / "one_file.py"
 SHAPE = 24, 32
 

@@ -20,6 +20,7 @@ from dmis.samplers.streams import stream
 from dmis.testing.scenes import box_scene
 from dmis.variance.moments import Film, Moments
 
+pytestmark = pytest.mark.examples
 PAGE = Path(__file__).parents[2] / "docs" / "estimator.md"
 CODE = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)[0]
 SEED = 3
