@@ -42,6 +42,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_unconfigure() -> None:
+    """Give them back to it; modules of C++ count what is left at the end."""
+    gc.unfreeze()
+
+
 def _folder(name: str) -> Path:
     value = os.environ.get(name)
     if not value:
