@@ -36,15 +36,13 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
     return [f"{name}: {os.environ.get(name) or f'not set; tests against {what} skip'}" for name, what in DATA.items()]
 
 
-def pytest_collection_finish() -> None:
+@pytest.fixture(scope="session", autouse=True)
+def frozen() -> Iterator[None]:
     """Keep the collector of garbage off the thousands of tests, which live as long as the run: a tenth of its time."""
     gc.collect()
     gc.freeze()
-
-
-def pytest_unconfigure() -> None:
-    """Give them back to it; modules of C++ count what is left at the end."""
-    gc.unfreeze()
+    yield
+    gc.unfreeze()  # modules of C++ count what is left at the end
 
 
 def _folder(name: str) -> Path:

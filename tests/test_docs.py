@@ -6,8 +6,6 @@ import json
 import logging
 import re
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -48,8 +46,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
     """Small, in an empty folder, without a word on standard error; without a screen it leaves its pictures as files.
 
-    Its text is run as a notebook's: there are no files beside it, and no ``__file__``. The second one runs in a process
-    of its own, as for a reader, the others in this one, see `scripts`.
+    Its text is run as a notebook's: there are no files beside it, and no ``__file__``. See `scripts`, too.
     """
     pytest.importorskip("matplotlib")
     from PIL import Image
@@ -58,12 +55,8 @@ def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
     text = tutorial.read_text("utf-8")
     for name, value in (("DMIS_CACHE", str(cache)), ("DMIS_QUICK", "1"), ("MPLBACKEND", "agg")):
         monkeypatch.setenv(name, value)
-    if tutorial == TUTORIALS[1]:
-        monkeypatch.setenv("PYTHONPATH", str(ROOT))
-        subprocess.run([sys.executable, "-"], input=text, text=True, timeout=1200, check=True)
-    else:
-        variables = VARIABLES[tutorial.stem] = {"__name__": "__main__"}
-        run_alone(lambda: run_cell(text, f"<{tutorial.name}>", variables), tmp_path, monkeypatch)
+    variables = VARIABLES[tutorial.stem] = {"__name__": "__main__"}
+    run_alone(lambda: run_cell(text, f"<{tutorial.name}>", variables), tmp_path, monkeypatch)
     printed = capfd.readouterr()
     assert printed.err == "" and not [record for record in caplog.records if record.levelno >= logging.WARNING]
     pictures = sorted((tmp_path / "figures" / "tutorials").iterdir())

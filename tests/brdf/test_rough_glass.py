@@ -31,7 +31,6 @@ GLASS = {
     "0.4 0.1": dmis.rough_glass(alpha=0.4, alpha_v=0.1),
 }
 each_glass = pytest.mark.parametrize("name", GLASS)
-each_side = pytest.mark.parametrize("outside", [True, False], ids=["outside", "inside"])
 
 
 def seen(material: Material, wo: Array, count: int, outside: bool = True) -> ShadingPoints:
