@@ -16,11 +16,6 @@ from dmis.fit.registry import make_rule
 
 ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-OLD = """
-doctor-figure stability-figure plot_held_out_scenes
-plot_shares_and_points plot_oracle_and_regret
-""".split()
-"""Pictures that may be older than their scripts: they are to be drawn again with other type and legends."""
 OTHER_FILES = {
     "images/data-flow.svg": "drawn by hand",
     "images/play.png": "a screenshot of the play page",
@@ -117,9 +112,8 @@ def test_pieces_have_names_scripts_and_renders_of_their_own() -> None:
 
 @pytest.mark.parametrize("piece", FIGURES, ids=lambda piece: piece.name)
 def test_no_picture_is_older_than_its_script(piece: Piece) -> None:
-    if piece.name not in OLD:
-        published, _ = publish.state()
-        assert publish.reason_to_make(piece, published, []) == ""
+    published, _ = publish.state()
+    assert publish.reason_to_make(piece, published, []) == ""
 
 
 @pytest.mark.parametrize("piece", FIGURES, ids=lambda piece: piece.name)

@@ -13,6 +13,7 @@ of light samples.
 import numpy as np
 
 import dmis
+from dmis import plot
 from dmis.examples.gallery import SCENES, options, print_canvas
 
 opts, _ = options("plot_patch_size", __doc__)
@@ -77,10 +78,7 @@ for axis, (name, ratios) in zip(axes.flat, results.items(), strict=True):
     axis.set_xscale("log", base=2)
     axis.set_yscale("log")
     axis.set_xticks(PATCHES, [str(patch) for patch in PATCHES])
-    axis.yaxis.set_major_formatter(lambda x, _: f"{x:g}")
-    axis.yaxis.set_minor_formatter(
-        lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""
-    )
+    plot.round_ticks(axis.yaxis)
     axis.set_title(name)
 for axis in axes[1]:
     axis.set_xlabel("side of a patch (pixels)")
