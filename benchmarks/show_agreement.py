@@ -31,3 +31,18 @@ def tables() -> dict[str, list[str]]:
         "r.m.s. z (of noise)",
     ]
     return {"tables.md: mitsuba-agreement": markdown(head, rows)}
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return fragments of prose with numbers, by page."""
+    rows = read_rows(CSV)
+    largest = max(rows, key=lambda row: abs(float(row["mean"])))
+    mean, error = (100 * abs(float(largest[field])) for field in ("mean", "s.e."))
+    z = [float(row["z"]) for row in rows]
+    return {
+        "performance.md": [
+            f"In [{len(rows)} set-ups]",
+            f"differ by at most {mean:.3f} ± {error:.3f} %",
+            f"these differences have a root mean square of {min(z):.2f} to {max(z):.2f}",
+        ]
+    }
