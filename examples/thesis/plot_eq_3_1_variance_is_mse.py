@@ -73,13 +73,13 @@ figure, axes = print_canvas(1, 4, 2.5, sharex=True, sharey=True)
 TICKS = {1e-8: "1e-8", 1e-6: "1e-6", 1e-4: "1e-4", 1e-2: "1e-2", 1: "1"}
 LEAST = 1e-9
 """Least error and least estimate that are drawn."""
-told = []
+stats = []
 for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True):
     x, y = truth[truth > LEAST], estimate[truth > LEAST]
     off = np.abs(np.log10(np.maximum(y, 1e-12) / x))
     low = np.mean(y < 0.5 * x)
     drawn = y > LEAST
-    told.append((title, 10 ** np.median(off), low))
+    stats.append((title, 10 ** np.median(off), low))
     shown = axis.hexbin(
         x[drawn],
         y[drawn],
@@ -110,7 +110,7 @@ opts.save_for_print(
     figure,
     "Equation 3.1: variance is error, and what two samples know of it",
     f"""KILLEROO DIFFUSE, patches of {PATCH}x{PATCH} pixels. On the red line samples
-    report the true error: {opts.spp} samples within a factor of {told[0][1]:.2g} in
-    half of the patches. With two BRDF samples {told[2][2]:.0%} report less than half.
+    report the true error: {opts.spp} samples within a factor of {stats[0][1]:.2g} in
+    half of the patches. With two BRDF samples {stats[2][2]:.0%} report less than half.
     In the cloud ({cloud:.0%}) none met the lamp: the headlight's variance is left.""",
 )

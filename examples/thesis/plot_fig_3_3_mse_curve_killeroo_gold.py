@@ -147,7 +147,7 @@ figure.legend(  # error bars would be the last entry
     ncols=4,
 )
 ends = {colour: (y[0] / y[1], y[2] / y[1]) for colour, y in points.items()}
-told = {
+texts = {
     colour: [
         f"{end:.1f} ± {halves[colour][k]:.1f}"
         for end, k in zip(of, (0, -1), strict=True)
@@ -157,9 +157,9 @@ told = {
 opts.save_for_print(
     figure,
     "Figure 3.3: error against weight, KILLEROO GOLD",
-    f"""Sample variance by paths over that at w = ½: on the gold {told["red"][0]} at
-    w = 0, {told["red"][1]} at w = 1; floor: {told["blue"][0]} and
-    {told["blue"][1]} (95 %, {SEEDS} seeds). Parabolas are least at
+    f"""Sample variance by paths over that at w = ½: on the gold {texts["red"][0]} at
+    w = 0, {texts["red"][1]} at w = 1; floor: {texts["blue"][0]} and
+    {texts["blue"][1]} (95 %, {SEEDS} seeds). Parabolas are least at
     {minimum(points["red"]):.2f}, {minimum(points["blue"]):.2f}. Below: {PILOTS}
     two-sample pilots.""",
     panel=axes["red"],

@@ -137,7 +137,7 @@ name_rows(axes[:, :2], [about.title for about in SCENES.values()])
 plot.weight_bar(
     figure, shown, axes[:, :2], WEIGHT, shrink=0.6, location="bottom", pad=0.01
 )
-told = [
+texts = [
     ", ".join(f"{share:.0%}" for share in of) for of in zip(*blue.values(), strict=True)
 ]
 opts.save_for_print(
@@ -145,7 +145,7 @@ opts.save_for_print(
     "Figure 3.4: learned weights",
     f"""Left: mean of three two-sample pilots at the thesis's size. Middle: w of
     {PATCH}x{PATCH} pixels before the filter (white: no signal or w = ½). Of patches
-    with a signal {told[0]} are blue, {told[1]} near ¾. Right: parabola and w of the
+    with a signal {texts[0]} are blue, {texts[1]} near ¾. Right: parabola and w of the
     framed patch.""",
     panel=axes[2, 1],
 )

@@ -145,13 +145,13 @@ name_rows(axes, [SCENES[name].title for name, _ in maps])
 plot.weight_bar(
     figure, shown, axes, WEIGHT, shrink=0.5, aspect=40, location="bottom", pad=0.01
 )
-told = [f"{value:.2f} ± {half:.2f}" for value, half in ratios.values()]
+texts = [f"{value:.2f} ± {half:.2f}" for value, half in ratios.values()]
 opts.save_for_print(
     figure,
     "Figure 3.5: weights without and with the filter",
     f"""Weights (a, e) of the fit, (b, f) after the 5x5 Gaussian (sigma one patch);
     images of {opts.spp - 6} samples, one seed. MSE over that of balance without and
-    with filter: {told[0]} and {told[1]} (teapot), {told[2]} and {told[3]} (KILLEROO
+    with filter: {texts[0]} and {texts[1]} (teapot), {texts[2]} and {texts[3]} (KILLEROO
     DIFFUSE; 95 % intervals).""",
     panel=axes[2, 0],
 )

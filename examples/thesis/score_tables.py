@@ -168,8 +168,8 @@ class Full(Group):
 
 def scores(ratios: np.ndarray) -> np.ndarray:
     """Return the scores of ratios, whose last axis is that of the scenes."""
-    told = np.array([about.equal_samples for about in SCENES.values()])
-    return np.sqrt((np.log(ratios / told) ** 2).mean(axis=-1))
+    of_thesis = np.array([about.equal_samples for about in SCENES.values()])
+    return np.sqrt((np.log(ratios / of_thesis) ** 2).mean(axis=-1))
 
 
 def times(factor: float) -> str:

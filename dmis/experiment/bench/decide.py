@@ -86,7 +86,7 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
         )
         raise ValueError(
             f"rule {text} needs {np.mean(n):g} camera samples of {s} shading samples at w = {w:g}, after {begin} "
-            f"others; pilots have, in all pixels, {available}. Use these w, with as many samples at most, or compare"
+            f"others; pilots have, in all pixels, {available}. Use pilots at these w, or measure it by compare"
         )
     if round_.needs_features == "pixels":
         raise ValueError(f"rule {text} needs features of pixels; the data hold those of patches. Measure it by compare")
