@@ -127,6 +127,15 @@ def test_measures_are_compared_in_all_units():
     assert joint_test(read_table(table)) > 1e-3 and joint_test(read_table(wrong)) < 1e-9
 
 
+def test_functions_of_estimates():
+    """The fourth function is e / (e + c) of the estimate e = f / (a_l + a_b), c the geometric mean of e."""
+    rows = gather(read_table(synthetic(4000)), FITTED, 0)
+    terms = rows.terms()
+    lit = np.isfinite(rows.logs["f"])
+    e = np.exp(rows.logs["f"] - np.logaddexp(rows.logs["p_l"], rows.logs["p_b"]))[lit]
+    assert (terms[3] / terms[0])[lit] == pytest.approx(e / (e + np.exp(np.log(e).mean())))
+
+
 def test_rows_of_a_camera_sample_are_summed():
     """With one to four rows each, the joint test has the standard errors of the tests of means."""
     table = synthetic(4000)
