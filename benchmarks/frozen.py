@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 
 import dmis
-from dmis import Settings
 
 RESOLUTION = (48, 40)
 SPP = 32
@@ -31,12 +31,16 @@ TOLERANCE = 5e-4
 SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "cornell", "veach-mis", "ten-lights")
 FLAT = ("teapot-area-light flat", "killeroo-gold flat", "tt flat")
 """Scenes without their vertex normals: no shading normal of theirs leaves the triangle's."""
+FEATURES = ("lens", "pixel filter", "mesh lamp", "mask", "spherical camera")
+"""What the teapot's scene is given, one at a time, because no shipped scene has it."""
 
 
 def configurations() -> dict[str, dict[str, Any]]:
-    """Return the arguments of `dmis.render` by name; ``scene`` is a name of `SCENES` or `FLAT`.
+    """Return the arguments of `dmis.render` by name; ``scene`` is a name that `load` takes.
 
     Points are independent where the name says nothing else, so that files from before another default stay comparable.
+    Names that begin with "defaults" have the settings of `dmis.render` as it stands. No published piece depends on a
+    name that begins with "defaults", "preset" or "paths".
     """
     table: dict[str, dict[str, Any]] = {}
 
@@ -67,24 +71,60 @@ def configurations() -> dict[str, dict[str, Any]]:
     add("tt", "balance", integrator="path", max_depth=None)
     add("killeroo-gold", "thesis", integrator="path", lights="one")
     add("teapot-area-light", "balance", integrator="direct", shading_samples=5)
+    for scene in (*SCENES, "tt-overcast"):
+        table[f"defaults {scene}"] = {"scene": scene, "rule": None, "settings": {}}
+    for preset in ("thesis", "nearest"):
+        for scene in SCENES[:4]:
+            table[f"preset {preset} {scene}"] = {"scene": scene, "rule": None, "settings": {"preset": preset}}
+    for scene, rule, sampler in (
+        ("cornell", "auto", "sobol"),
+        ("killeroo-diffuse", "auto", "sobol"),
+        ("killeroo-diffuse", "thesis", "lowdiscrepancy"),
+    ):
+        settings = {"integrator": "path", "sampler": sampler}
+        table[f"paths {scene} {rule} {sampler}"] = {"scene": scene, "rule": rule, "settings": settings}
+    for feature in FEATURES:
+        add(f"teapot-area-light with {feature}", "auto", integrator="direct", sampler="sobol")
     return table
 
 
 def load(name: str) -> dmis.Scene:
-    """Return a scene of `SCENES`, or one of `FLAT`."""
-    scene = dmis.load_scene(name.removesuffix(" flat"), resolution=RESOLUTION)
+    """Return a shipped scene, one of `FLAT`, or one with a feature of `FEATURES`."""
+    shipped, _, feature = name.removesuffix(" flat").partition(" with ")
+    scene = dmis.load_scene(shipped, resolution=RESOLUTION)
+    if feature:
+        return with_feature(scene, feature)
     if name not in FLAT:
         return scene
     flat = tuple(replace(part, mesh=replace(part.mesh, normals=None)) for part in scene.parts)
     return replace(scene, parts=flat)
 
 
+def with_feature(scene: dmis.Scene, feature: str) -> dmis.Scene:
+    """Return the teapot's scene with one of `FEATURES`."""
+    camera, parts = scene.camera, scene.parts
+    if feature == "lens":
+        return replace(scene, camera=replace(camera, lens_radius=0.3, focal_distance=8.0))
+    if feature == "pixel filter":
+        return replace(scene, camera=replace(camera, filter=dmis.PixelFilter("gaussian", (2.0, 2.0), 0.6)))
+    if feature == "spherical camera":
+        return replace(scene, camera=replace(camera, projection="spherical"))
+    if feature == "mesh lamp":
+        ball = trimesh.creation.icosphere(subdivisions=1, radius=0.5)
+        lamp = dmis.MeshLight(ball.vertices + (0.0, -2.0, 2.5), ball.faces, (6.0, 4.0, 2.0))
+        return replace(scene, parts=(*parts, dmis.light_part(lamp)), lights=(*scene.lights, lamp))
+    squares = dmis.Mask(dmis.Image((np.indices((8, 8)).sum(axis=0) % 2).astype(np.float32)[..., None]))
+    index = next(i for i, part in enumerate(parts) if part.light is None)
+    uv = parts[index].mesh.vertices[:, :2] / 4
+    floor = replace(parts[index], mesh=replace(parts[index].mesh, uv=uv), mask=squares)
+    return replace(scene, parts=(*parts[:index], floor, *parts[index + 1 :]))
+
+
 def render(configuration: Mapping[str, Any], scenes: dict[str, dmis.Scene]) -> dict[str, np.ndarray]:
     """Render one configuration; the arrays that must not change, by name."""
     name = configuration["scene"]
     scene = scenes.setdefault(name, load(name))
-    settings = Settings(**configuration["settings"])
-    result = dmis.render(scene, configuration["rule"], SPP, seed=SEED, settings=settings, parallel=2)
+    result = dmis.render(scene, configuration["rule"], SPP, seed=SEED, parallel=2, **configuration["settings"])
     arrays = {"image": result.image, "deviation": result.deviation, "weight": result.weight, "samples": result.samples}
     return {**arrays, "rays": np.array(sorted(result.rays.items()), dtype="U32")}
 
@@ -92,7 +132,7 @@ def render(configuration: Mapping[str, Any], scenes: dict[str, dmis.Scene]) -> d
 def fingerprint(arrays: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Return the means of the arrays of a render, those with pixels weighted by their number, and the number of rays.
 
-    NumPy without AVX rounds differently: all 63 renders have other bits, but their numbers differ by at most 6.4e-5.
+    NumPy without AVX rounds differently: all of 63 renders had other bits, but their numbers differ by at most 6.4e-5.
     With another seed at least one number of each render differs by 3.3e-3 or more.
     """
     numbers = {}

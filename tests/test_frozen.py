@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import frozen
 import numpy as np
+import pytest
 
 
-def test_there_are_two_dozen_configurations_and_every_scene_is_among_them() -> None:
+def test_every_scene_and_feature_is_among_the_configurations() -> None:
     table = frozen.configurations()
-    assert len(table) >= 24
-    assert {configuration["scene"] for configuration in table.values()} == {*frozen.SCENES, *frozen.FLAT}
+    assert len(table) >= 83
+    scenes = {configuration["scene"] for configuration in table.values()}
+    features = {f"teapot-area-light with {feature}" for feature in frozen.FEATURES}
+    assert scenes == {*frozen.SCENES, *frozen.FLAT, "tt-overcast", *features}
+
+
+@pytest.mark.parametrize("feature", frozen.FEATURES)
+def test_each_feature_changes_the_image(feature: str, monkeypatch) -> None:
+    monkeypatch.setattr(frozen, "RESOLUTION", (8, 8))
+    table = frozen.configurations()
+    configuration = next(item for item in table.values() if item["scene"].endswith(f"with {feature}"))
+    image = frozen.render(configuration, {})["image"]
+    assert (image != frozen.render({**configuration, "scene": "teapot-area-light"}, {})["image"]).any()
 
 
 def test_a_changed_bit_is_found(tmp_path, monkeypatch, capsys) -> None:
