@@ -2,27 +2,34 @@
 Speed, and what was to be reached
 =================================
 
-How fast the renderer is on the scenes that come with dmis, beside the floor, the time in Embree; where the
-time goes; two threads; memory; start-up. Prints each target and whether it is met. Rows go to docs/tables/speed.csv
-and speed-targets.csv, which docs/performance.md is made of. Takes ten minutes on an idle machine.
+How fast renders are beside the floor, the time in Embree: machines differ and their speed varies; the ratio of total
+to floor is the cost that NumPy adds.
 
-Exits with 1 if a ratio misses its target by more than a fifth. Absolute times depend on the machine: they are reported.
+    python benchmarks/speed.py my.pbrt --rules balance,auto
+
+prints the table of one scene or more. Without a scene it measures those of the thesis; where the time goes; two
+threads; memory; start-up. It prints each target and whether it is met. Rows go to docs/tables/speed.csv and
+speed-targets.csv, which docs/performance.md is made of. Takes ten minutes on an idle machine. Exits with 1 if a ratio
+misses its target by more than a fifth. Absolute times depend on the machine: they are reported.
 """
 
 import argparse
 import cProfile
+import math
 import pstats
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePath
+from typing import Any
 
 import dmis
-from dmis.experiment.speed import HEADER, Speed, bench
+from dmis.estimator.settings import make_settings
 from dmis.pipeline.job import resolve
+from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,6 +50,93 @@ TIME_PARTS = {
     "film": {"moments.py": {"of", "merge", "add", "total"}},
 }
 """Functions whose time, with that of their callees, is one part of a tile's time; the rest is shading."""
+
+HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | in Embree | total / floor | range |
+|---|---|---|---|---|---|---|---|---|"""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Times of several renders of a scene with one rule.
+
+    Attributes
+    ----------
+    samples
+        Number of camera samples of one render.
+    rays
+        Number of rays of the first render, by kind.
+    seconds, floor
+        Wall seconds of each render, and those in its Embree calls, the mean over threads.
+    """
+
+    scene: str
+    rule: str
+    threads: int
+    samples: int
+    rays: dict[str, int]
+    seconds: list[float]
+    floor: list[float]
+
+    @property
+    def ratios(self) -> list[float]:
+        """Ratio of total time to floor of each render."""
+        return [total / floor for total, floor in zip(self.seconds, self.floor)]
+
+    def row(self) -> str:
+        """Return the row of the table below `HEADER`."""
+        seconds, floor = statistics.median(self.seconds), statistics.median(self.floor)
+        rays = sum(self.rays.values())
+        return (
+            f"| {self.scene} | {self.rule} | {self.samples / seconds / 1e6:.2f} | {rays / seconds / 1e6:.2f} "
+            f"| {rays / self.samples:.2f} | {seconds:.2f} | {floor:.2f} | {statistics.median(self.ratios):.2f} "
+            f"| {min(self.ratios):.2f} – {max(self.ratios):.2f} |"
+        )
+
+
+def bench(
+    sources: Sequence[str],
+    rules: Sequence[str],
+    resolution: tuple[int, int],
+    spp: int,
+    *,
+    parallel: int = 1,
+    repeats: int = 3,
+    seed: int = 0,
+    progress: Progress | None = None,
+    **options: Any,
+) -> list[Speed]:
+    """Render every scene with every rule `repeats` times, in turns.
+
+    Parameters
+    ----------
+    sources
+        Names or files of scenes, see `dmis.formats.load_scene.load_scene`.
+    parallel
+        Number of threads.
+    progress
+        Called as ``progress(case, done, total)`` after each render.
+    options
+        ``settings`` and fields of `dmis.Settings` by name, for all rules, see `dmis.pipeline.render.render`.
+
+    A ValueError if there is no repeat, or a rule or a scene is not right.
+    """
+    if repeats < 1:
+        raise ValueError(f"repeats must be at least 1; got {repeats}")
+    scenes = [dmis.load_scene(source, resolution=resolution) for source in sources]
+    cases = [(scene, rule) for scene in scenes for rule in rules]
+    speeds: dict[int, Speed] = {}
+    for k in range(repeats):
+        for n, (scene, rule) in enumerate(cases):
+            job = resolve(scene, rule, spp, seed + k, make_settings(**options)).alone
+            job.scene.prepare()  # once, before the first render
+            result = render_job(job, parallel)
+            samples = math.prod(scene.camera.resolution) * job.spp
+            begun = Speed(scene.name, job.rule_text, parallel, samples, dict(result.rays), [], [])
+            speeds.setdefault(n, begun).seconds.append(result.seconds["total"])
+            speeds[n].floor.append(result.seconds["embree"] / parallel)
+            if progress:
+                progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
+    return list(speeds.values())
 
 
 @dataclass(frozen=True)
@@ -224,16 +318,19 @@ def tables() -> dict[str, list[str]]:
 def main() -> int:
     """Measure, print, and write rows."""
     parser = argparse.ArgumentParser(description="speed beside the Embree floor, and the targets")
+    parser.add_argument("scenes", nargs="*", help="scenes, of which nothing but the table is printed")
     parser.add_argument("--rules", default="balance,thesis:weigh=samples,auto", help="separated by commas")
     parser.add_argument("--spp", type=int, default=32)
     parser.add_argument("--repeats", type=int, default=5)
     given = parser.parse_args()
-    names = list(SCENES)
+    names = given.scenes or list(SCENES)
     speeds = bench(
         names, given.rules.split(","), (342, 256), given.spp, repeats=given.repeats,
         progress=show("bench"),
     )  # fmt: skip
     print(HEADER, *(speed.row() for speed in speeds), sep="\n")
+    if given.scenes:
+        return 0
     for s in speeds:
         parts = time_by_part(s.scene, s.rule, (342, 256), given.spp)
         print(f"{s.scene}, {s.rule}:", ", ".join(f"{part} {share:.0%}" for part, share in parts.items()), flush=True)

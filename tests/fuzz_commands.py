@@ -58,9 +58,7 @@ def arguments(rng: random.Random) -> list[str]:
     out = [command] if rng.random() < 0.97 else []
     scenes = ["scene.pbrt"] * 12 + ["good/a.ply", "case.pbrt", "nothing.pbrt", "no-such", "", "good/g.exr", "/dev/zero"]
     out += [rng.choice(scenes)] if rng.random() < 0.95 else []
-    if command == "bench":
-        out[1:1] = ["--spp", "1", "--resolution", "4x4"]
-    elif command in ("render", "compare"):
+    if command in ("render", "compare"):
         out += ["--spp", "2", "--resolution", "6x4"]
     elif command == "oracle":
         out += ["--spp", "8", "--resolution", "6x4"]

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dmis.base.validate import did_you_mean
 
 COMMAND_LINE = {
+    "bench": "bench-rules for rules; python benchmarks/speed.py SCENE, in a checkout, for times beside those of Embree",
     "list": "info --scenes, or info --rules",
     "scenes": "info --scenes",
     "rules": "info --rules",

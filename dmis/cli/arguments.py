@@ -266,16 +266,6 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "table": _option("file of shading samples (docs/doctor.md lists the columns)", metavar="SAMPLES.npz"),
         "--report": _option("also write a page for a browser", Path, metavar="OUT.html"),
     }),
-    "bench": ("compare the time of renders with the time spent in Embree", {
-        "scenes": _option("scenes (default: those that come with dmis)", nargs="*", metavar="SCENE"),
-        "--rules": _option("rules separated by commas (default %(default)s)", str, "balance,thesis"),
-        "--resolution": _option("pixels (default 342x256)", RESOLUTION, (342, 256), metavar="WxH"),
-        "--spp": _option("camera samples per pixel (default 64)", int, 64),
-        **settings_options(),
-        "--threads": _option("number of threads (default 1)", WORKERS, 1),
-        "--repeats": _option("renders of each scene and rule; medians are printed (default 3)", int, 3),
-        "--seed": _option("first seed (default 0)", SEED, 0),
-    }),
     "bench-rules": ("score weight rules on MIS-Bench, without rendering", {
         "rules": _option("Python files or names of rules (default: those of the page)", nargs="*", metavar="RULE"),
         "--scenes": _option(

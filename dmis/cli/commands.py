@@ -32,7 +32,6 @@ from dmis.estimator.settings import make_settings
 from dmis.experiment.compare import check_output, compare, parse_rules, summary, summary_of_scenes
 from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import cache_folder, load_reference, make_reference
-from dmis.experiment.speed import HEADER, bench
 from dmis.experiment.table import Comparison
 from dmis.fit.registry import RULES, make_rule
 from dmis.formats.load_scene import SHIPPED
@@ -230,18 +229,6 @@ def _info(options: argparse.Namespace) -> int:
     return 0
 
 
-def _bench(options: argparse.Namespace) -> int:
-    """Run ``bench`` and return its exit code."""
-    with progress_bar(False) as progress:
-        speeds = bench(
-            options.scenes or SHIPPED, parse_rules(options.rules), options.resolution, options.spp,
-            parallel=options.threads, repeats=options.repeats, seed=options.seed, progress=progress,
-            **given_settings(options),
-        )  # fmt: skip
-    say(HEADER, *(speed.row() for speed in speeds))
-    return 0
-
-
 _COMMANDS = {
     "render": render,
     "compare": _compare,
@@ -254,7 +241,6 @@ _COMMANDS = {
     "info": _info,
     "check": check,
     "doctor": doctor,
-    "bench": _bench,
     "bench-rules": bench_rules,
 }
 if __name__ == "__main__":

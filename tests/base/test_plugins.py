@@ -66,14 +66,12 @@ def test_a_cluster_knows_what_a_plugin_registers(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("drawn")
 def test_every_command_has_plugins(tmp_path: Path, capsys) -> None:
-    """`compare` and `bench` measure the rule; `info` takes the option, which may be repeated."""
+    """`compare` measures the rule; `info` takes the option, which may be repeated."""
     plugin, other = write(tmp_path), write(tmp_path, "import my_rules\nprint('second')", "my_second.py")
     options = ("--rules", "third", "--spp", "4", *SMALL, plugin)
     compared = ("compare", "teapot-area-light", "--seeds", "2", "--reference-spp", "4", "-o", str(tmp_path / "out"))
     assert main([*compared, *options]) == 0
     assert "| 4 | third |" in capsys.readouterr().out
-    assert main(["bench", "teapot-area-light", "--repeats", "1", *options]) == 0
-    assert "| teapot-area-light | third |" in capsys.readouterr().out
     assert main(["info", "--plugin", plugin, "--plugin", other]) == 0
     assert capsys.readouterr().out.startswith("second\ndmis ")
 

@@ -144,16 +144,6 @@ def test_info(scene, capsys):
     assert main(["info", "--scenes"]) == 0 and capsys.readouterr().out.split() == list(SHIPPED)
 
 
-def test_bench_prints_a_table(scene, capsys):
-    """``bench`` prints one row for each rule, with the ratio of its time to that in Embree."""
-    small = ["--rules", "balance,fixed:0", "--spp", "2", "--resolution", "16x12"]
-    for more in ([], ["--integrator", "path", "--max-depth", "none"]):
-        assert main(["bench", scene, *small, *more]) == 0
-        rows = capsys.readouterr().out.strip().split("\n")
-        assert len(rows) == 4
-        assert float(rows[2].split("|")[-3]) > 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -170,7 +160,7 @@ def test_bench_prints_a_table(scene, capsys):
         ("render SCENE -o a.exr --rule thesis:shape=2", "has the options"),
         ("render SCENE -o a.exr --resolution 4", "WIDTHxHEIGHT"),
         ("render SCENE -o a.exr --resolution 6000x6000", "at most 33554432 pixels; got 6000x6000"),
-        ("bench SCENE --resolution 1x65536", "from 1 to 65535"),
+        ("render SCENE -o a.exr --resolution 1x65536", "from 1 to 65535"),
         ("render SCENE -o a.exr --integrator bidirectional", "invalid choice"),
         ("render SCENE -o a.exr --max-depth none", "max_depth must be a number"),
         ("render SCENE -o a.exr --max-depth many", "max-depth"),
@@ -301,7 +291,6 @@ def test_unwritable_output_is_refused_first(scene, tmp_path, monkeypatch, capsys
         ("oracle SCENE -o out", "matplotlib", "the plot of an oracle needs matplotlib"),
         ("oracle SCENE -o scene.pbrt", "", "scene.pbrt is not a directory"),
         ("oracle SCENE -o out --spp 6", "", "must be a multiple of 4, and at least 8: two halves"),
-        ("bench SCENE --rules balance,thesis --spp 6", "", "pilot's 6 camera samples of rule thesis"),
     ],
 )
 def test_output_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments, missing, message):
