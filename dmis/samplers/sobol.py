@@ -50,13 +50,15 @@ COLUMNS: dict[int, tuple[int, ...]] = {
     4: (1, 3, 4, 12, 22, 45, 66, 186, 492, 737, 2015, 3011, 6888, 11690, 20928, 40435),
     5: (1, 3, 6, 9, 31, 39, 101, 184, 348, 724, 1944, 3858, 5901, 12371, 27368, 41682),
     6: (1, 2, 4, 13, 23, 61, 81, 173, 486, 878, 1956, 2833, 4926, 9955, 26592, 64726),
+    LENS: (1, 3, 4, 13, 19, 36, 127, 165, 441, 560, 1862, 2977, 6049, 11987, 21458, 53324),
     ROUNDING: (1, 2, 4, 9, 22, 47, 97, 174, 306, 807, 1462, 2468, 4220, 14329, 29791, 64769),
 }
 """Matrices by the number of their order: column c is the index A(2^c) of the point that sample 2^c takes.
 
 Camera pair and light pair are a net in four dimensions with t = 0, 1, 1, 1, 2, 2, 2 for 2^1 ... 2^7 samples, and t = 3
-up to 2^16: each box of volume 2^(t - m) has 2^t of the first 2^m points. `benchmarks/search_net.py` searched them.
-Further columns and matrices are pseudo-random.
+up to 2^16: each box of volume 2^(t - m) has 2^t of the first 2^m points. Camera and lens pair have t = 0, 1, 1, 1, 2, 2
+for 2^1 ... 2^6, then 3 up to 2^12, and 4 up to 2^16. `benchmarks/search_net.py` searched them. Further columns and
+matrices are pseudo-random.
 """
 _OF_CAMERA = {(): 0, (LENS,): LENS}
 """Orders of the place in the pixel and on the lens: a path's pairs meet both in one product."""

@@ -14,7 +14,7 @@ from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.light.area import DiskLight
 from dmis.pipeline import tile as tiles
-from dmis.samplers.pixel_block import CONTINUE, MORE, ROUNDING, PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, ROUNDING, PixelBlock
 from dmis.samplers.sobol import Sobol, order_of
 from dmis.samplers.streams import Numbers, stream
 from dmis.testing.scenes import box_scene
@@ -111,7 +111,7 @@ def generator_columns(keys: tuple, m: int, samples: int = 1) -> list[list[int]]:
 # One pair ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", [*PATH, NEXT, (0, MORE, 0), (ROUNDING, 0), (CONTINUE,) * 12])
+@pytest.mark.parametrize("key", [*PATH, (LENS,), NEXT, (0, MORE, 0), (ROUNDING, 0), (CONTINUE,) * 12])
 def test_each_pair_is_a_sequence_of_nets(key: object) -> None:
     """2^m points from a multiple of 2^m on have one in each elementary interval, in every pixel, m up to 10."""
     u = draws((key,), 2**11, 3)
@@ -136,7 +136,11 @@ def test_indices_beyond_one_table() -> None:
 # Pairs together ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("keys", "t"), [(("camera", LIGHT), 3), (("camera", NEXT_LIGHT), 4), ((LIGHT, NEXT_LIGHT), 4)])
+NETS = [(("camera", LIGHT), 3), (("camera", NEXT_LIGHT), 4), ((LIGHT, NEXT_LIGHT), 4)]
+NETS += [(("camera", (LENS,)), 4), (((LENS,), LIGHT), 5)]
+
+
+@pytest.mark.parametrize(("keys", "t"), NETS)
 def test_two_pairs_are_a_net(keys: tuple, t: int) -> None:
     """t of the first 2^m points in four dimensions: by counting to 2^10, where it is that by rank, and so to 2^16."""
     columns = generator_columns(keys, 16)
@@ -145,6 +149,20 @@ def test_two_pairs_are_a_net(keys: tuple, t: int) -> None:
     u = draws(keys, 2**10, 2)
     for m in range(1, 11):
         assert [m - evenness_by_counting(u[:, : 2**m, pixel]) for pixel in range(2)] == [by_rank[m - 1]] * 2
+
+
+@pytest.mark.parametrize("n", [4, 8, 16, 32])
+def test_halves_of_pixel_and_lens(n: int) -> None:
+    """A quarter of n points is in the lower halves of pixel and lens; independent numbers deviate by (3 n / 16)^1/2.
+
+    With the same coordinate of both, or from 8 points on with any. Of 4 points with different ones the deviation is
+    1.15 times that: halves are three linear functions of two digits, and each pair needs two.
+    """
+    low = draws(("camera", (LENS,)), n, 4000) < 0.5
+    counts = (low[:2, None] & low[None, 2:]).sum(axis=2)  # coordinate of the pixel, of the lens, pixel
+    deviation = np.sqrt(np.square(counts - n / 4).mean(axis=-1)) / np.sqrt(3 * n / 16)
+    np.testing.assert_array_equal(deviation.diagonal(), 0)
+    np.testing.assert_allclose(deviation, 0, atol=1.16 if n == 4 else 0)
 
 
 @pytest.mark.parametrize("samples", [2, 4])
