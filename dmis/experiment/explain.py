@@ -40,7 +40,9 @@ LITTLE = 0.05
 Source = tuple[str, str, int]
 """Where variance comes from: light, technique, and surface of the path, 1 for the first."""
 SEEN: Source = ("seen emission, delta lights", "", 0)
-"""What no technique estimates."""
+"""What no technique estimates, as direct lighting has it."""
+FURTHER: Source = ("emission, delta lights further on", "", 0)
+"""What no technique estimates on paths that a BRDF has scattered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,8 @@ class Explanation:
         if not self.variance[HALF] > 0:
             return ["all camera samples of this pixel are equal: it has no noise"]
         seen = self.sources.get(SEEN, (0.0, 0.0))[1]
-        among = sum(p for _, p in self.sources.values()) - seen
+        further = self.sources.get(FURTHER, (0.0, 0.0))[1]
+        among = sum(p for _, p in self.sources.values()) - seen - further
         left = float(self.variance.min() / self.variance[HALF])
         best = f"w = {self.marks['oracle']:.2g} leaves {left:.0%} of V" if left < 1 - LITTLE else "no w is much better"
         settings, plan = self.job.settings, self.job.scene.plan
@@ -97,7 +100,8 @@ class Explanation:
         parts = [
             (seen, f"is {emission}: an edge in the pixel's square, such as a lamp's, which no technique estimates"),
             (among, f"is among places of the square: edges, textures, borders of shadows{others}; no w changes it"),
-            (1 - seen - among, f"is noise of light and BRDF samples at a place; {best}"),
+            (further, "is light of paths that no technique estimates: lamps through glass or mirrors, or delta lights"),
+            (1 - seen - further - among, f"is noise of light and BRDF samples at a place; {best}"),
         ]
         named = [f"{min(share, 1):.1%} of the variance {text}" for share, text in sorted(parts)[::-1] if share > LITTLE]
         return [*named, f"half of the variance is in {self.rare:.2%} of the camera samples"]
@@ -170,10 +174,9 @@ def explain(
     (x, y), (width, height) = pair("pixel", pixel, whole), scene.camera.resolution
     if not (0 <= x < width and 0 <= y < height):
         raise ValueError(f"pixel must be (column, row), from (0, 0) to {width - 1, height - 1}; got {x, y}")
-    job = resolve(scene.crop((y, y + 1), (x, x + 1)), Fixed(0.5), whole("spp", spp, 2), seed, settings).alone
-    recorder = _Recorder(1, 2 * job.settings.shading_samples)
-    for tile in make_tiles((1, 1), seed, 0, job.budget.pilot(0.5, 2 * spp, lambda *_: recorder)):
-        render_tile(job.scene, tile)
+    alone = scene.crop((y, y + 1), (x, x + 1)), whole("spp", spp, 2), seed
+    job, recorder = _record(*alone, settings)
+    _, direct = _record(*alone, replace(settings, integrator="direct"))
     marks, sums = {"balance": 0.5}, recorder.sums()
     (left, right), (top, bottom) = (
         (max(0, at - REACH), min(size, at + REACH)) for at, size in ((x, width), (y, height))
@@ -184,7 +187,16 @@ def explain(
         marks[rule.partition(":")[0]] = float(weight[y - top, x - left])
     variance = (sums["curve"] + np.maximum(sums["position"], 0))[:, 0] * job.gain**2
     marks["oracle"] = float(GRID[variance.argmin()])
-    return Explanation(job, spp, (x, y), variance=variance, marks=marks, **recorder.findings(job))
+    return Explanation(job, spp, (x, y), variance=variance, marks=marks, **recorder.findings(job, direct))
+
+
+def _record(pixel: Scene, spp: int, seed: int, settings: Settings) -> tuple[Job, _Recorder]:
+    """Render a scene of one pixel; return the job, and what records its samples."""
+    job = resolve(pixel, Fixed(0.5), spp, seed, settings).alone
+    recorder = _Recorder(1, 2 * job.settings.shading_samples)
+    for tile in make_tiles((1, 1), seed, 0, job.budget.pilot(0.5, 2 * spp, lambda *_: recorder)):
+        render_tile(job.scene, tile)
+    return job, recorder
 
 
 class _Recorder(Curves):
@@ -204,8 +216,20 @@ class _Recorder(Curves):
         self._records += [replace(record, sample=take(numbers, record.sample)) for record in records]
         self._radiance.append(radiance.mean(axis=0, dtype=np.float64))
 
-    def findings(self, job: Job) -> dict[str, Any]:
-        """Return fields of an `Explanation`: ``mean``, ``sources``, ``rare``, ``largest`` and ``vertex``."""
+    def unsampled(self) -> Array:
+        """Return the radiance of the camera samples that no technique estimates, ``(N,)``."""
+        radiance = np.concatenate(self._radiance)
+        rest = radiance.copy()
+        for record in self._records:
+            rest[record.sample] -= record.value.mean(axis=0) / (2 * self._s)
+        rest[np.abs(rest) < 1e-6 * radiance] = 0  # rounding errors
+        return rest
+
+    def findings(self, job: Job, direct: _Recorder) -> dict[str, Any]:
+        """Return fields of an `Explanation`: ``mean``, ``sources``, ``rare``, ``largest``, ``vertex``.
+
+        `direct` has recorded the pixel in direct lighting, where no lobe but delta lobes sends rays on.
+        """
         radiance, s = np.concatenate(self._radiance), job.settings.shading_samples
         plan, compensation = job.scene.plan, job.settings.sky_compensation
         self._job = job
@@ -219,9 +243,10 @@ class _Recorder(Curves):
             halves[self._source(record)][half, record.sample] += record.value.mean(axis=0) / s
         at_y = sum(halves.values(), np.zeros((2, len(radiance))))
         # the same in both halves: emission that is seen, delta lights
-        rest = radiance - at_y.mean(axis=0)
-        rest[np.abs(rest) < 1e-6 * radiance] = 0  # rounding errors
-        halves[SEEN] = np.stack([rest, rest])
+        rest = self.unsampled()
+        share = min(1, direct.unsampled().var() / rest.var()) if rest.var() else 1
+        halves[SEEN] = np.stack([rest, rest]) * share
+        halves[FURTHER] = np.stack([rest, rest]) * (1 - share)
         deviation = at_y + rest - (at_y + rest).mean(axis=1, keepdims=True)
         # V_c = Cov(L_1c, L_1),  P_c = Cov(L_1c, L_2)
         of_sources = {c: ((a * deviation).mean(), (a * deviation[::-1]).mean()) for c, a in halves.items() if a.any()}
@@ -244,11 +269,16 @@ class _Recorder(Curves):
         }
 
     def _light(self, record: Any) -> tuple[Any, str]:
-        """Return the light that a record samples, and its name; behind mirrors it may be one of several lamps."""
-        settings = self._job.settings
-        deeper = len(record.key) > 1 and settings.integrator == "path"
-        lights = self._lights[deeper and self._job.scene.plan.selects_deeper(settings.lights)]
+        """Return the light that a record samples, and its name."""
+        settings, (lights, selected) = self._job.settings, self._lights
         beyond, number = divmod(record.key[-1], len(lights))
+        deeper = len(record.key) > 1 and settings.integrator == "path"
+        if deeper and self._job.scene.plan.selects_deeper(settings.lights):
+            # a tree selects among lamps if the path has scattered, but not behind mirrors: p_l tells which
+            p_l = lights[number].seen_from(record.surface.ng).hit(record.p, record.wi).pdf
+            if np.isclose(p_l, record.pdf[0], rtol=1e-3).mean() < 0.5:
+                lights = selected
+                beyond, number = divmod(record.key[-1], len(lights))
         return lights[number], f"{type(lights[number]).__name__} {number}{' from behind' if beyond else ''}"
 
     def _source(self, record: Any) -> Source:

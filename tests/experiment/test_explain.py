@@ -12,7 +12,7 @@ from helpers import shared_scene
 import dmis
 from dmis.base.vectors import Array
 from dmis.cli.commands import main
-from dmis.experiment.explain import LARGEST, SEEN, Explanation
+from dmis.experiment.explain import FURTHER, LARGEST, SEEN, Explanation
 from dmis.geometry.shapes import quad
 from dmis.testing.scenes import ABOVE, box_scene
 from dmis.variance.curves import GRID, HALF
@@ -139,9 +139,22 @@ def test_names_of_lights() -> None:
     sun = dmis.DistantLight((0, -0.5, 1), (1, 1, 1))
     scene = box_scene(dmis.matte(0.5), (*lamps, sun), (wall, *map(dmis.light_part, lamps)))
     why = dmis.explain(scene, (8, 8), 512, rules=(), integrator="path", max_depth=2)
-    lights = {(light, surface) for light, _, surface in why.sources.keys() - {SEEN}}
+    lights = {(light, surface) for light, _, surface in why.sources.keys() - {SEEN, FURTHER}}
     assert lights == {*((f"QuadLight {number}", 1) for number in range(4)), ("SelectedLights 0", 2)}
     assert "picked at random" in dmis.explain(scene, (8, 8), 256, rules=(), lights="one").text()
+    # seen in a mirror they have samples each, from the floor that is seen there on a tree selects
+    mirrored = replace(scene, parts=(dmis.Part(scene.parts[0].mesh, dmis.mirror()), *scene.parts[1:]), lights=lamps)
+    lights = {source[::2] for source in dmis.explain(mirrored, (8, 8), 512, rules=(), integrator="path").sources}
+    assert {light for light, surface in lights if surface == 2} == {f"QuadLight {number}" for number in range(4)}
+
+
+def test_caustic_is_no_edge() -> None:
+    """A lamp that shines upwards alone, on a mirror: a floor below has light of scattered paths only."""
+    lamp = replace(ABOVE, edge_u=ABOVE.edge_v, edge_v=ABOVE.edge_u)
+    mirror = dmis.Part(quad((-3, -3, 3), (0, 6, 0), (6, 0, 0)), dmis.mirror())
+    scene = box_scene(dmis.matte(0.5), (lamp,), (mirror, dmis.light_part(lamp)))
+    why = dmis.explain(scene, (12, 8), 1024, rules=(), integrator="path", max_depth=4)
+    assert why.sources == {FURTHER: pytest.approx((1, 1))} and "100.0% of the variance is light of paths" in why.text()
 
 
 def test_hemisphere_integrates(explained: Explanation) -> None:
