@@ -16,7 +16,18 @@ from dmis.base.patches import PATCH, patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.cli.commands import main
 from dmis.estimator.cost import count_camera_samples, surface_points
-from dmis.experiment.bench.data import GRID, HALF, PACKAGED, SMALL, Pilots, Truth, path_of, read_pilots, read_truth
+from dmis.experiment.bench.data import (
+    GRID,
+    HALF,
+    PACKAGED,
+    SMALL,
+    Pilots,
+    Truth,
+    checksum,
+    path_of,
+    read_pilots,
+    read_truth,
+)
 from dmis.experiment.bench.decide import SETTINGS, SPP, _part, decide
 from dmis.experiment.bench.judge import (
     BASELINES,
@@ -484,6 +495,39 @@ def test_tables_are_compared_with_their_sha256(tmp_path: Path, planted: Truth) -
     np.savez(path, **(arrays | {"header": np.array(json.dumps(header))}))
     with pytest.raises(ValueError, match="it is damaged"):
         read_truth(path)
+
+
+@pytest.mark.parametrize(("name", "change", "message"), [
+    ("-0 about", lambda about: [{**p, "shape": [24, 18]} for p in about], r"shape of all pilots .*; got \(24, 18\)"),
+    ("-0 about", lambda about: [{**about[0], "spp": 1}], "'0.0 camera_sample' must .* from 0 to 0; got .* from 0 to 1"),
+    ("-0 about", lambda about: [{"w": 0.5}], "lacks something .KeyError"),
+    ("-0 about", lambda about: [], "a list with an entry for each pilot"),
+    ("-0 about", lambda about: 3, "lacks something .TypeError"),
+    ("-0 0.5 f", lambda f: f * np.nan, r"'0.5 f' must have shape \(N 3\).* from nan to nan"),
+    ("-0 0.5 p_l", lambda p: p[:9], r"'0.5 p_l' must have shape .* got shape \(9,\)"),
+    ("-0 0.5 p_b", np.negative, "'0.5 p_b' must .* from 0 to inf"),
+    ("-0 0.5 technique", lambda t: t + 0.0, "'0.5 technique' must .* integer values from -1 to 1; got .* float64"),
+    ("-0 1.0 pixel", None, "'1.0 pixel' must"),
+    ("-0 feature normal", lambda n: n[:, 1:], r"'feature normal' must have shape \(3 R C\) = \(3, 5, 6\)"),
+    (" about", lambda about: [18], "H and W, must be two numbers"),
+    (" about", lambda about: [18, 24, 5], "blocks must be 1, or a multiple of 12"),
+    (" variance", np.negative, "'variance' must .* from 0 to inf"),
+])  # fmt: skip
+def test_what_a_file_holds_is_checked(tmp_path: Path, name: str, change, message: str) -> None:
+    """The checksum is right, but not one number or array (None: there is none): score names file and array."""
+    ending, _, name = name.partition(" ")
+    for k, of_file in ((None, ""), (0, "-0")):
+        with np.load(path_of(SMALL, k)) as archive:
+            arrays = dict(archive)
+        header = json.loads(str(arrays.pop("header")))
+        if of_file == ending:
+            of = header if name == "about" else arrays
+            of |= {name: change(of[name])} if change else {}
+            of.pop(None if change else name, None)
+        text = json.dumps({**header, "checksum": checksum(arrays)})
+        np.savez(tmp_path / f"own{of_file}.npz", header=np.array(text), **arrays)
+    with pytest.raises(ValueError, match=f"own{ending}.npz: .*{message}"):
+        score("second-moment", [str(tmp_path / "own.npz")])
 
 
 class Endless(dmis.Rule):

@@ -5,16 +5,21 @@ Each is an ``.npz`` of plain arrays and a JSON text, ``header``, with a checksum
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dmis.base.patches import PATCH
+from dmis.base.validate import number, one_of, pair, whole
 from dmis.base.vectors import Array
-from dmis.experiment.bench.samples import COLUMNS, SampleTable
+from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.reference import cache_folder
 
 VERSION = 2
@@ -140,25 +145,95 @@ def seeds_of(scene: str, seeds: Iterable[int]) -> list[int]:
     return known
 
 
-def read_pilots(path: Path) -> Pilots:
-    """Return the pilots in a file; a ValueError if it is not there, damaged, or of another version."""
+def read_pilots(path: Path, shape: tuple[int, int] | None = None) -> Pilots:
+    """Return the pilots in a file; `shape` is that of the `Truth`, None if there is none.
+
+    A ValueError if the file is not there, damaged, of another version, or a number or an array in it is not right.
+    """
     about, arrays = _read(path)
     tables = {}
-    for numbers in about:
-        w, shape = numbers.pop("w"), tuple(numbers.pop("shape"))
-        # files of earlier commits have rays of colours beside all rays
-        numbers["rays"] = {kind: number for kind, number in numbers["rays"].items() if " of colour " not in kind}
-        columns: dict[str, Any] = {name: arrays[f"{w} {name}"] for name in COLUMNS}
-        tables[w] = SampleTable(**columns, shape=shape, **numbers)
-    features = {name.removeprefix("feature "): a.astype(np.float32) for name, a in arrays.items() if name[0] == "f"}
-    return Pilots(tables, features)
+    with _named(path):
+        for of_pilot in about:
+            w, rays, size = number("w", of_pilot["w"], 0, 1), of_pilot["rays"], pair("shape", of_pilot["shape"], whole)
+            spp, s = (whole(name, of_pilot[name], 1) for name in ("spp", "shading_samples"))
+            # files of earlier commits have rays of colours beside all rays
+            rays = {kind: whole(kind, n, 0) for kind, n in rays.items() if " of colour " not in kind}
+            whole("number of camera rays", rays["camera"], 1)
+            shape = one_of("shape of all pilots and of the converged variances", size, [shape or size])
+            ends = {"w": float(np.float32(w)), "last camera sample": spp - 1, "last shading sample": s - 1}
+            columns: dict[str, Any] = _checked("pilot", arrays, shape, ends, f"{w} ")
+            tables[w] = SampleTable(**columns, shape=shape, spp=spp, shading_samples=s, rays=rays)
+        if not shape or not tables:
+            raise ValueError(f"about must be a list with an entry for each pilot; got {about}")
+        buffers = _checked("features", arrays, shape)
+    return Pilots(tables, {name.removeprefix("feature "): a.astype(np.float32) for name, a in buffers.items()})
 
 
 def read_truth(path: Path) -> Truth:
-    """Return the converged curves in a file; a ValueError if it is not there, damaged, or of another version."""
-    (height, width, *blocks), arrays = _read(path)
-    curves = {name: a.astype(np.float64) for name, a in arrays.items()}
-    return Truth(**curves, shape=(height, width), blocks=blocks[0] if blocks else 1)
+    """Return the converged curves in a file; errors are those of `read_pilots`."""
+    about, arrays = _read(path)
+    with _named(path):
+        height, width = pair("the first two numbers of about, H and W,", about[:2], partial(whole, least=1))
+        blocks = whole("the third number of about, blocks,", about[2] if len(about) > 2 else 1, 1)
+        if blocks > 1 and (blocks % GROUPS or height % (blocks * PATCH)):
+            raise ValueError(
+                f"blocks must be 1, or a multiple of {GROUPS}, {PATCH} n pixels high; got {blocks} in {height}"
+            )
+        curves: dict[str, Any] = _checked("curves", arrays, (height, width))
+    return Truth(**{name: a.astype(np.float64) for name, a in curves.items()}, shape=(height, width), blocks=blocks)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Let errors that come from what is in a file name it."""
+    try:
+        yield
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        reason = error if isinstance(error, ValueError) else f"its header lacks something ({error!r})"
+        raise ValueError(f"{path}: {reason}; docs/bench-files.md lists what a file must hold") from error
+
+
+def _checked(
+    part: str, arrays: Mapping[str, Array], shape: tuple[int, int], ends: Mapping[str, float] = {}, prefix: str = ""
+) -> dict[str, Array]:
+    """Return the arrays of a part of a file, as the table ``arrays.csv`` has them.
+
+    Parameters
+    ----------
+    part
+        Of the table: ``curves``, ``features`` or ``pilot``.
+    shape
+        ``(H, W)`` of the image. Letters are sizes: R, C those of its patches, G that of `GRID`, others any.
+    ends
+        Values of names in the columns ``least`` and ``largest``.
+    prefix
+        Of the names of the arrays in the file.
+
+    Raises
+    ------
+    ValueError
+        If an array is missing, or its shape, kind or range is not that of the table.
+    """
+    (height, width), checked = shape, {}
+    ends = {**ends, "last pixel": height * width - 1}
+    sizes = {"2": 2, "3": 3, "G": len(GRID), "R": -(-height // PATCH), "C": -(-width // PATCH)}
+    for row in csv.DictReader(Path(__file__).with_name("arrays.csv").read_text("utf-8").splitlines()):
+        name, letters = prefix + row["array"], row["shape"].split()
+        if row["part"] != part or (row["optional"] and name not in arrays):
+            continue
+        array = arrays.get(name, np.zeros(0))
+        sizes = dict(zip(letters, array.shape, strict=False)) | sizes
+        expected = tuple(sizes.get(letter) for letter in letters)
+        low, high = (float(ends.get(end, end)) for end in (row["least"], row["largest"]))
+        fits = array.size > 0 and array.shape == expected and np.issubdtype(array.dtype, getattr(np, row["numbers"]))
+        least, largest = (float(array.min()), float(array.max())) if fits else (np.nan, np.nan)
+        if not (low <= least and largest <= high and np.isfinite(largest - least)):
+            raise ValueError(
+                f"array {name!r} must have shape ({row['shape']}) = {expected} and finite {row['numbers']} values from "
+                f"{low:g} to {high:g}; got shape {array.shape}, {array.dtype}, from {least:g} to {largest:g}"
+            )
+        checked[row["array"]] = array
+    return checked
 
 
 def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
@@ -170,13 +245,14 @@ def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = dict(archive)
         header = json.loads(str(arrays.pop("header")))
+        about = header["about"]
         intact = header["mis-bench"] == VERSION and header["checksum"] == checksum(arrays)
     except Exception:  # a damaged archive may raise anything
         intact = False
     if not intact:
         reason = "it is damaged, or its SHA-256 is not that in its header"
         raise ValueError(f"{path} must be a file of MIS-Bench {VERSION}; {reason}. Remove it and make it again")
-    return header["about"], arrays
+    return about, arrays
 
 
 def checksum(arrays: Mapping[str, np.ndarray]) -> str:

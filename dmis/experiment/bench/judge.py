@@ -106,7 +106,8 @@ def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> Array:
     finals, adaptive = balance, rule == "oracle-samples"
     oracle = isinstance(rule, str) and rule in ORACLES
     if not oracle:
-        finals = [decide(rule, pilots, seed) for pilots in read_pilots(path_of(scene, seed)).split(len(blocks))]
+        pilots = read_pilots(path_of(scene, seed), truth.shape)
+        finals = [decide(rule, part, seed) for part in pilots.split(len(blocks))]
         adaptive = np.ndim(finals[0].spp) > 0 and finals[0].patterns is None
     of_rule, of_balance = (
         [np.concatenate([of_pixels(*item, m) for item in zip(maps, blocks, strict=True)], axis=1) for m in range(2)]
