@@ -157,19 +157,13 @@ class Results:
         for budget in budgets:
             path, rows = self.image(budget), [run for run in self.runs if (run.rule, run.spp) == budget]
             try:
-                layers, attributes = read_exr(path)
-                if missing := {"RGB", "weight", "light_samples", "brdf_samples"} - set(layers):
-                    raise ValueError(f"it has no layer {', '.join(sorted(missing))}")
-                error = mse(layers["RGB"][self._area], reference.cropped(self._area))
-                if not any(math.isclose(error, run.mse, rel_tol=1e-5) for run in rows):
-                    raise ValueError(f"its mean squared error is {error:.6g}, that of no row of its rule and samples")
+                images[budget], self.provenance[budget] = read_image(path, rows, self.about, reference)
             except (OSError, ValueError) as reason:
                 warnings.warn(f"{path} is rendered again: {reason}", stacklevel=3)
                 path.parent.mkdir(exist_ok=True)
-                write_image(path, again((*budget, rows[0].seed))[0])
-                layers, attributes = read_exr(path)
-            images[budget] = layers
-            self.provenance[budget] = json.loads(attributes.get("dmis.provenance", "{}"))
+                result, _ = again((*budget, rows[0].seed))
+                write_image(path, result)
+                images[budget], self.provenance[budget] = read_exr(path)[0], result.provenance
         return images
 
     def _row(self, run: Run) -> str:
@@ -226,6 +220,26 @@ def read_runs(path: Path, least: Mapping[str, float]) -> list[Run]:
     except (ValueError, csv.Error) as error:
         raise refusal(path, f"cannot be read in line {line} ({error})") from error
     return runs
+
+
+def read_image(
+    path: Path, runs: Sequence[Run], about: Mapping[str, Any], reference: Reference
+) -> tuple[dict[str, Array], Mapping[str, Any]]:
+    """Return the layers of an image and its provenance; a ValueError unless it is that of one of the `runs`."""
+    layers, attributes = read_exr(path)
+    if missing := {"RGB", "weight", "light_samples", "brdf_samples"} - set(layers):
+        raise ValueError(f"it has no layer {', '.join(sorted(missing))}")
+    provenance = json.loads(attributes.get("dmis.provenance", "{}"))
+    rule = "balance" if runs[0].rule == PINNED else runs[0].rule
+    keys = [{"scene_hash": about["scene_hash"], "rule": rule, "spp": run.spp, "seed": run.seed} for run in runs]
+    key = {name: provenance.get(name) for name in keys[0]}
+    if key not in keys:
+        raise ValueError(f"its provenance must have one of {keys}; got {key}")
+    area = crop_area(about.get("crop"), about["resolution"])
+    error = mse(layers["RGB"][area], reference.cropped(area))
+    if not any(math.isclose(error, run.mse, rel_tol=1e-5) for run in runs):
+        raise ValueError(f"its mean squared error is {error:.6g}, that of no row of its rule and samples")
+    return layers, provenance
 
 
 def image_path(folder: Path, budget: Budget) -> Path:
@@ -351,14 +365,20 @@ def read_comparison(folder: str | os.PathLike[str]) -> Comparison:
     by_budget: dict[Budget, list[Run]] = {}
     for run in run_by_key(read_runs(path, dict.fromkeys(("mse", "relmse", "mean_z"), -math.inf))).values():
         by_budget.setdefault((run.rule, run.spp), []).append(run)
-    if missing := [file for file in (reference, *(image_path(folder, b) for b in by_budget)) if not file.is_file()]:
-        raise FileNotFoundError(f"there is no {missing[0]}: {again}")
+    if not by_budget:
+        raise ValueError(f"{path} has no rows: {again}")
     # as `compare` has them: by samples, and the pinned baseline last
     in_order = sorted(by_budget, key=lambda budget: (budget[1], budget[0] == PINNED))
     runs = {budget: sorted(by_budget[budget], key=lambda run: run.seed) for budget in in_order}
     seeds = {budget: [run.seed for run in of] for budget, of in runs.items()}
-    if unlike := [budget for budget, of in seeds.items() if of != seeds["balance", budget[1]]]:
+    if unlike := [budget for budget, of in seeds.items() if of != seeds.get(("balance", budget[1]))]:
         rule, spp = unlike[0]
         raise ValueError(f"{path} has other seeds of {rule} than of balance at {spp} samples per pixel: {again}")
-    pictures = {budget: read_exr(image_path(folder, budget))[0] for budget in runs}
-    return Comparison(about, runs, pictures, load_reference(reference), None)
+    truth, pictures, provenance = load_reference(reference), {}, {}
+    for budget, by_seed in runs.items():
+        path = image_path(folder, budget)
+        try:
+            pictures[budget], provenance[budget] = read_image(path, by_seed, about, truth)
+        except (OSError, ValueError, KeyError) as reason:
+            raise ValueError(f"{path} must be the image of a run of results.csv: {reason}; {again}") from reason
+    return Comparison(about, runs, pictures, truth, None, provenance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from dmis.experiment.metrics import flip, relative_error
 from dmis.experiment.report.paper_table import paper_table
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison, read_comparison
+from dmis.image import read_exr, write_exr
 
 pytest.importorskip("matplotlib")
 from dmis.experiment.report import figure
@@ -32,15 +34,33 @@ def test_a_folder_tells_its_comparison(made: tuple[Comparison, Path]) -> None:
     np.testing.assert_array_equal(read.reference.second, comparison.reference.second)
 
 
-@pytest.mark.parametrize("gone", ["results.csv", "comparison.json", "images/reference.exr", "images/pbrt-8spp.exr"])
-def test_a_folder_that_lacks_a_file_is_refused(made: tuple[Comparison, Path], tmp_path: Path, gone: str) -> None:
+def other_pixels(path: Path) -> None:
+    """The provenance of the run, other pixels."""
+    layers, attributes = read_exr(path)
+    write_exr(path, {**layers, "RGB": layers["RGB"] * 1.5}, attributes)
+
+
+IMAGE = "images/pbrt-8spp.exr"
+
+
+@pytest.mark.parametrize(("name", "change", "message"), [
+    *((name, Path.unlink, name) for name in ("results.csv", "comparison.json", "images/reference.exr", IMAGE)),
+    ("results.csv", lambda path: path.write_text(path.read_text("utf-8").splitlines()[0] + "\n"), "csv has no rows"),
+    (IMAGE, lambda path: write_exr(path, read_exr(path)[0]), "pbrt-8spp.exr must be the image of a run.*'rule': None"),
+    (IMAGE, lambda path: path.write_bytes(path.with_name("pbrt-16spp.exr").read_bytes()), "must have .*'spp': 8"),
+    (IMAGE, other_pixels, "its mean squared error is"),
+])  # fmt: skip
+def test_a_folder_that_is_not_whole_is_refused(
+    made: tuple[Comparison, Path], tmp_path: Path, name: str, change: Callable[[Path], object], message: str
+) -> None:
+    """A file is missing, no run has a row, or an image is not that of its run."""
     for path in made[1].rglob("*"):
         target = tmp_path / path.relative_to(made[1])
         if path.is_file() and path.suffix in (".csv", ".json", ".exr"):
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(path.read_bytes())
-    (tmp_path / gone).unlink()
-    with pytest.raises((ValueError, FileNotFoundError), match=Path(gone).name):
+    change(tmp_path / name)
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
         read_comparison(tmp_path)
 
 
