@@ -32,10 +32,11 @@ def figure(options: argparse.Namespace) -> int:
 def table(options: argparse.Namespace) -> int:
     """Run ``table`` and return its exit code."""
     check_writable(options.output)
-    text = paper_table(read_comparison(options.folder), options.output.suffix.lower())
+    comparison = read_comparison(options.folder)
+    text = paper_table(comparison, options.output.suffix.lower())
     with replacing(options.output) as partial:
         partial.write_text(text, "utf-8")
-    say(options.output)
+    say(options.output, *filter(None, [comparison.few_pixels()]))
     return 0
 
 

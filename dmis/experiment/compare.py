@@ -171,7 +171,7 @@ def summary(c: Comparison) -> str:
 
     By relMSE, then by MSE: the mean over seeds, its ratio to that of the balance heuristic with these settings, and the
     ratios of error times CPU seconds, with 95 % intervals (`dmis.experiment.convergence.Interval`). The ratio to the
-    pinned baseline is last. Lines follow: if few pixels have most of the MSE; for budgets that are too small for their
+    pinned baseline is last. Lines follow: if few pixels have most of an error; for budgets that are too small for their
     rule, see `fallbacks`; the standard error of the reference; if that is too large, the mean of an image not that of
     the reference, or a pilot makes most of an image's error, see `dmis.experiment.alarm`.
     """

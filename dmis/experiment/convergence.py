@@ -97,11 +97,6 @@ class Gain:
         """Both measures, in the order of `MEASURES`."""
         return self.relmse, self.mse
 
-    @property
-    def wins(self) -> bool:
-        """Whether this is a rule whose whole interval of relMSE times CPU seconds is below the balance heuristic's."""
-        return self.rule != PINNED and self.relmse.error_time.high < 1
-
 
 def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis, measure: Measure = "mse") -> tuple[Array, Array]:
     """Return the points of a rule's line of error against samples, rays or seconds, fewest samples first.

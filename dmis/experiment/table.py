@@ -17,6 +17,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ from dmis.base.atomic_files import naming, replacing
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
-from dmis.experiment.metrics import mse, relmse, share_of_few, squared_error
+from dmis.experiment.convergence import MEASURES, Measure
+from dmis.experiment.metrics import mse, relative_error, relmse, share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area, load_reference
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
@@ -47,7 +49,7 @@ COLUMNS = (
 REFERENCE = Path("images", "reference.exr")
 """The reference in the folder of a comparison."""
 FEW_LIMIT = 0.5
-"""Share of the MSE in 1 % of the pixels, above which a comparison says that few pixels decide it."""
+"""Share of an error in 1 % of the pixels, above which a comparison says that few pixels decide it."""
 
 
 def conditions(
@@ -225,7 +227,10 @@ def read_runs(path: Path, least: Mapping[str, float]) -> list[Run]:
 def read_image(
     path: Path, runs: Sequence[Run], about: Mapping[str, Any], reference: Reference
 ) -> tuple[dict[str, Array], Mapping[str, Any]]:
-    """Return the layers of an image and its provenance; a ValueError unless it is that of one of the `runs`."""
+    """Return the layers of an image and its provenance.
+
+    A ValueError unless it is of one of the `runs` of a rule and budget, under the conditions `about`.
+    """
     layers, attributes = read_exr(path)
     if missing := {"RGB", "weight", "light_samples", "brdf_samples"} - set(layers):
         raise ValueError(f"it has no layer {', '.join(sorted(missing))}")
@@ -318,14 +323,25 @@ class Comparison:
         """Reference of `area`."""
         return self.reference.cropped(self.area)
 
+    @cached_property
+    def concentrated(self) -> dict[Measure, float]:
+        """Measures by which 1 % of the pixels of balance's image have most of the error, with their share of it."""
+        image = self.pictures.get(("balance", max(spp for _, spp in self.runs)))
+        if image is None:
+            return {}
+        shown = image["RGB"][self.area]
+        errors = relative_error(shown, self.window), squared_error(shown, self.window)
+        shares = zip(MEASURES, map(share_of_few, errors), strict=True)
+        return {measure: share for measure, share in shares if share > FEW_LIMIT}
+
     def few_pixels(self) -> str:
-        """Return a line if most of the MSE of the balance heuristic's image lies in 1 % of the pixels, else ""."""
-        budget = "balance", max(spp for _, spp in self.runs)
-        if budget not in self.pictures:
-            return ""
-        share = share_of_few(squared_error(self.pictures[budget]["RGB"][self.area], self.window))
-        text = f"{share:.0%} of balance's MSE lies in 1 % of the pixels (first seed, {budget[1]} samples per pixel)."
-        return text if share > FEW_LIMIT else ""
+        """Return a sentence for each measure in `concentrated`; else ""."""
+        return " ".join(
+            f"{share:.0%} of balance's {MEASURES[measure]} lies in 1 % of the pixels (first seed, "
+            f"{max(spp for _, spp in self.runs)} samples per pixel): its standard errors and the intervals of its "
+            f"ratios may be much too short, and no ratio is bold."
+            for measure, share in self.concentrated.items()
+        )
 
     def alarms(self) -> list[str]:
         """Return lines about a reference that is too noisy, images with another mean, and costly pilots; or ""."""

@@ -58,7 +58,7 @@ def _section(number: int, c: Comparison) -> str:
         f"{escaped(c.about['parallel'])} · {escaped(c.reference.text())}</p>",
         *(f'<p class="alarm">⚠ {escaped(text)}</p>' for text in c.alarms() if text),
         *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),
-        _verdict(rows, c.seeds),
+        _verdict(c, rows),
         *(f"<p>{escaped(text)}</p>" for text in [c.few_pixels()] if text),
         f'<div class="plots">{error_svg(c, "seconds", "relmse")}{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
         f'<p class="note">{tables.LINES_NOTE}</p>',
@@ -77,20 +77,22 @@ def _section(number: int, c: Comparison) -> str:
     return "\n".join(elements)
 
 
-def _verdict(rows: Sequence[Gain], seeds: int) -> str:
+def _verdict(c: Comparison, rows: Sequence[Gain]) -> str:
     """Return a sentence that names the most efficient rule at the largest budget, if its interval is below 1."""
     last = [g for g in rows if g.spp == max(g.spp for g in rows) and g.rule != PINNED]
     base = next(g for g in last if g.rule == "balance")
     at = f"At {base.spp} samples per pixel"
     if not base.relmse.error > 0:
         return f"<p>{at} the balance heuristic has no error above that of the reference: rules cannot be compared.</p>"
-    best = tables.best_gain(last)
-    if best is None:
-        why = " One seed shows no scatter of times: measure more seeds." if seeds < 2 else ""
+    if "relmse" in c.concentrated:
+        return f"<p>{at} no rule is named the most efficient one, because few pixels have most of the error.</p>"
+    winners = tables.winners(c, last)
+    if not winners:
+        why = " One seed shows no scatter of times: measure more seeds." if c.seeds < 2 else ""
         return f"<p>{at} no rule has a 95 % interval of error × CPU time below that of the balance heuristic.{why}</p>"
+    best, rules = winners[0], len(last) - 1
     value, low, high = best.relmse.error_time
-    winners, rules = sum(g.wins for g in last), len(last) - 1
-    among = "" if winners == 1 else f", the lowest of {winners} rules whose interval is below 1"
+    among = "" if len(winners) == 1 else f", the lowest of {len(winners)} rules whose interval is below 1"
     corrected = "" if rules == 1 else f", corrected for {rules} rules"
     return (
         f"<p>{at} <b>{escaped(best.rule)}</b> is more efficient than the balance heuristic: its error × CPU time is "

@@ -20,8 +20,8 @@ def paper_table(comparison: Comparison, style: str) -> str:
     """Return the table of a comparison in a style of `STYLES`, a row for each budget and rule.
 
     Errors, their ratios to the balance heuristic at equal samples, and the ratio of error times CPU seconds, with 95 %
-    intervals corrected for the number of rules. A ratio is bold only if its whole interval is below 1. In CSV the ends
-    of an interval are columns.
+    intervals corrected for the number of rules. A ratio is bold only if its whole interval is below 1, and its measure
+    is not `Comparison.concentrated`. In CSV the ends of an interval are columns.
 
     Parameters
     ----------
@@ -48,7 +48,8 @@ def paper_table(comparison: Comparison, style: str) -> str:
                 [str(gain.spp), gain.rule, errors[0], *first, errors[1], *second, *third, f"{gain.cpu_seconds:.4g}"]
             )
             continue
-        first_cell, second_cell, third_cell = (_cell(ratio, style) for ratio in ratios)
+        bold = [measure not in comparison.concentrated for measure in ("relmse", "mse", "relmse")]
+        first_cell, second_cell, third_cell = map(_cell, ratios, bold, [style] * 3)
         rule = _tex(gain.rule) if style == ".tex" else gain.rule
         rows.append(
             [str(gain.spp), rule, errors[0], first_cell, errors[1], second_cell, third_cell, f"{gain.cpu_seconds:.3g}"]
@@ -56,15 +57,15 @@ def paper_table(comparison: Comparison, style: str) -> str:
     return {".tex": _latex, ".md": _markdown, ".csv": _csv}[style](rows)
 
 
-def _cell(ratio: Interval, style: str) -> str:
-    """Return a ratio with its interval, bold if all of it is below 1."""
+def _cell(ratio: Interval, may_be_bold: bool, style: str) -> str:
+    """Return a ratio with its interval, bold if it may be and all of it is below 1."""
     value = ratio_text(ratio.value)
     if not ratio.high == ratio.high:  # of balance itself, or of one seed
         return value
     low, high = ratio_text(ratio.low), ratio_text(ratio.high)
     if style == ".tex":
-        return (rf"\textbf{{{value}}}" if ratio.high < 1 else value) + f" ({low}--{high})"
-    return (f"**{value}**" if ratio.high < 1 else value) + f" ({low}–{high})"
+        return (rf"\textbf{{{value}}}" if may_be_bold and ratio.high < 1 else value) + f" ({low}--{high})"
+    return (f"**{value}**" if may_be_bold and ratio.high < 1 else value) + f" ({low}–{high})"
 
 
 def _tex(text: str) -> str:

@@ -20,10 +20,10 @@ GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means ov
 pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of d².
 In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
 they are wider (Holm). ·CPU s: error times CPU seconds, whose intervals include the scatter of the times. Bold: the
-lowest ratio·CPU s of the table, if its interval is below 1. In equal time: error over that of the balance heuristic in
-the rule's seconds, interpolated on its line; † where it is extrapolated as error ∝ 1 / seconds. Pinned: the balance
-heuristic with preset=thesis, which is one light and one BRDF sample and independent points, whatever the settings of
-the others."""
+lowest ratio·CPU s of the table, if its interval is below 1 and few pixels do not have most of the error. In equal time:
+error over that of the balance heuristic in the rule's seconds, interpolated on its line; † where it is extrapolated as
+error ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis, which is one light and one BRDF sample and
+independent points, whatever the settings of the others."""
 OVERVIEW_NOTE = """Scenes: relMSE over that of the balance heuristic in equal time, at the largest budget. All:
 geometric means over the scenes of error times CPU seconds over the balance heuristic's, with 95 % intervals over seeds.
 Below 1 is better."""
@@ -32,10 +32,14 @@ largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are
 that may be. The other columns are explained in docs/report.md."""
 
 
-def best_gain(rows: Sequence[Gain], k: int = 0) -> Gain | None:
-    """Return the rule at one budget of least error × CPU time by measure `k` of those whose interval is below 1."""
-    winners = [g for g in rows if g.rule != PINNED and g.measures[k].error_time.high < 1]
-    return min(winners, key=lambda g: g.measures[k].error_time.value, default=None)
+def winners(c: Comparison, rows: Sequence[Gain], k: int = 0) -> list[Gain]:
+    """Return the rules at one budget whose interval of error × CPU time by measure `k` is below 1, the lowest first.
+
+    None wins by a measure that is `Comparison.concentrated`.
+    """
+    below = [g for g in rows if g.rule != PINNED and g.measures[k].error_time.high < 1]
+    trusted = [] if list(MEASURES)[k] in c.concentrated else below
+    return sorted(trusted, key=lambda g: g.measures[k].error_time.value)
 
 
 def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
@@ -53,7 +57,7 @@ def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
             cells += [f"{m.error:.4g}", interval_text(m.over_balance), interval_text(m.error_time)]
             cells += [f"{ratio_text(m.equal_time)}{dagger}"]
             rows.append([*cells, interval_text(m.over_pinned), interval_text(m.error_time_over_pinned)])
-        tables += html_table(head, rows, f"efficiency {name}", _row_marks(gains_of_budgets, k))
+        tables += html_table(head, rows, f"efficiency {name}", _row_marks(gains_of_budgets, c, k))
     return f'{tables}<p class="note">{GAINS_NOTE}</p>'
 
 
@@ -70,12 +74,12 @@ def costs_table(gains_of_budgets: Sequence[Gain]) -> str:
     return html_table(head, rows, "costs", _row_marks(gains_of_budgets))
 
 
-def _row_marks(gains_of_budgets: Sequence[Gain], k: int | None = None) -> list[str]:
-    """Return the classes of rows: ``group`` where a budget begins, ``best`` for its `best_gain` by measure `k`."""
+def _row_marks(gains_of_budgets: Sequence[Gain], c: Comparison | None = None, k: int = 0) -> list[str]:
+    """Return the classes of rows: ``group`` where a budget begins, ``best`` for the first of `winners` by `k`."""
     best = []
-    if k is not None:
+    if c is not None:
         budgets = {g.spp for g in gains_of_budgets}
-        best = [best_gain([g for g in gains_of_budgets if g.spp == spp], k) for spp in budgets]
+        best = [g for spp in budgets for g in winners(c, [g for g in gains_of_budgets if g.spp == spp], k)[:1]]
     marks = [("group" * (g.rule == "balance"), "best" * (g in best)) for g in gains_of_budgets]
     return [" ".join(filter(None, mark)) for mark in marks]
 

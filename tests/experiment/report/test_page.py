@@ -20,9 +20,11 @@ from helpers import run
 from PIL import Image
 
 from dmis import plot
+from dmis.experiment.compare import summary
 from dmis.experiment.convergence import gains, ratio_text
 from dmis.experiment.report.comparer import linear_png, palette_colours
 from dmis.experiment.report.page import share_maps, write_report
+from dmis.experiment.report.paper_table import paper_table
 from dmis.experiment.report.plots import INK, convergence, error_lines, map_png
 from dmis.experiment.report.tables import costs_table, efficiency_table
 from dmis.experiment.runs import PINNED
@@ -132,6 +134,25 @@ def test_bold_is_the_winner_of_its_table():
     tables = efficiency_table(Comparison({"scene": "box"}, runs, {}, None, None), gains(runs)).split("<table ")[1:]
     assert [re.findall(r'<tr class="best"><td></td><td>(\w+)', table) for table in tables] == [["first"], ["second"]]
     assert "best" not in costs_table(gains(runs))
+
+
+@pytest.mark.usefixtures("without_plots")
+@pytest.mark.parametrize("added", [0, 100])
+def test_nothing_is_bold_where_few_pixels_decide(made, tmp_path, added):
+    """One pixel of balance's image may have nearly all of the error: all that print a winner say so then."""
+    runs = {of: [run(*of, k, 1.0, 1.0 - 0.5 * (of[0] != "balance")) for k in range(3)] for of in made[0].runs}
+    layers = made[0].pictures["balance", 16]
+    bright = layers["RGB"] + added * (np.indices(layers["RGB"].shape).sum(axis=0) == 0)
+    pictures = {**made[0].pictures, ("balance", 16): {**layers, "RGB": bright}}
+    changed = dataclasses.replace(made[0], runs=runs, pictures=pictures)
+    write_report([changed], tmp_path / "report.html")
+    page, tables = (
+        (tmp_path / "report.html").read_text("utf-8"),
+        [paper_table(changed, form) for form in (".tex", ".md")],
+    )
+    for bold in ('best"><td>', "is more efficient than", r"\textbf", "**0.5"):
+        assert (bold in "".join([page, *tables])) == (not added)
+    assert all(("ratios may be much too short" in text) == bool(added) for text in (page, summary(changed)))
 
 
 def test_images_are_the_renders(made, page):
