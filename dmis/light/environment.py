@@ -12,8 +12,9 @@ import numpy as np
 
 from dmis.base.color import LUMINANCE
 from dmis.base.patches import row_blocks
+from dmis.base.validate import one_of
 from dmis.base.vectors import Array, Selection, take
-from dmis.brdf.texture import Image, check_values
+from dmis.brdf.texture import Image, Wrap, check_values
 from dmis.image_reader import load_image
 from dmis.light.light import InfiniteLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, check_compensation, rgb
@@ -65,6 +66,9 @@ class EnvironmentLight(InfiniteLight):
         (Karlik et al. 2019); the others are drawn from the plain density below, so that light sampling alone reaches
         every direction. BRDF samples cover the even part of a sky well enough. None: that of the estimator's settings,
         see `dmis.estimator.settings.Settings`. The expected image does not depend on it.
+    wrap
+        Row with which the first and the last row are interpolated towards the poles: ``clamp``, the same row;
+        ``repeat``, the row at the other pole, as in pbrt-v2 and v3.
 
     Notes
     -----
@@ -77,6 +81,7 @@ class EnvironmentLight(InfiniteLight):
     to_world: Array | None = None
     scale: Rgb = (1.0, 1.0, 1.0)
     compensation: float | None = None
+    wrap: Wrap = "clamp"
     positions: ClassVar[tuple[str, ...]] = ()
     radiances: ClassVar[tuple[str, ...]] = ("scale",)
 
@@ -86,6 +91,7 @@ class EnvironmentLight(InfiniteLight):
         elif np.shape(self.texels) in ((), (3,)):
             object.__setattr__(self, "texels", rgb("texels", self.texels).reshape(1, 1, 3))
         check_compensation(self.compensation)
+        one_of("wrap", self.wrap, ("clamp", "repeat"))
         _ = self._data
 
     @cached_property
@@ -103,7 +109,8 @@ class EnvironmentLight(InfiniteLight):
         rotation = np.eye(3) if self.to_world is None else np.asarray(self.to_world, float)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
             raise ValueError(f"to_world must be a 3x3 rotation (or reflection); got {rotation.tolist()}")
-        return Image(texels), None if (rotation == np.eye(3)).all() else rotation.astype(np.float32)
+        image = Image(texels, wrap=("repeat", self.wrap))
+        return image, None if (rotation == np.eye(3)).all() else rotation.astype(np.float32)
 
     @cached_property
     def _distribution(self) -> tuple[Array, Array]:
@@ -115,7 +122,7 @@ class EnvironmentLight(InfiniteLight):
         luminance = np.array([np.broadcast_to(row.astype(float), (width, 3)) @ LUMINANCE for row in rows])
         around = np.pad(luminance, ((0, 0), (1, 1)), mode="wrap")
         luminance = (around[:, :-2] + 6 * around[:, 1:-1] + around[:, 2:]) / 8
-        around = np.pad(luminance, ((1, 1), (0, 0)), mode="wrap")
+        around = np.pad(luminance, ((1, 1), (0, 0)), mode="wrap" if self.wrap == "repeat" else "edge")
         luminance = (around[:-2] + 6 * around[1:-1] + around[2:]) / 8
         sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
         weight = luminance * sine

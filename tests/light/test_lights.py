@@ -1,7 +1,7 @@
 """Lights: sampling against density, geometry, energy, orientation."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from helpers import Z_LIMIT, pickled
 
 from dmis.base.color import LUMINANCE
 from dmis.base.vectors import Array, frame, normalise
+from dmis.brdf.materials import matte
 from dmis.brdf.texture import Image
 from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, QuadLight, SphereLight
@@ -18,9 +19,11 @@ from dmis.light.light import check_light_form
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
 from dmis.light.selection import select_lights
+from dmis.pipeline.render import render
 from dmis.samplers.warp import square_to_sphere
 from dmis.testing.light import check_light
 from dmis.testing.outcome import require
+from dmis.testing.scenes import box_scene
 from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
 
 WHITE = (1.0, 2.0, 3.0)
@@ -44,6 +47,7 @@ LIGHTS = {
     "image": MeshLight(BENT, BENT_FACES, Image(COLOURS), CORNERS_OF_IMAGE),
     "grey image": MeshLight(BENT, BENT_FACES, Image(COLOURS[..., :1]), CORNERS_OF_IMAGE),
     "sky": EnvironmentLight(RANDOM_SKY),
+    "sky that repeats": EnvironmentLight(RANDOM_SKY, wrap="repeat"),
     "grey sky": EnvironmentLight(RANDOM_SKY[..., :1]),
     "tilted sky": EnvironmentLight(RANDOM_SKY, TILT, (2.0, 1.0, 0.5)),
     "one texel": EnvironmentLight(ONE_TEXEL),
@@ -192,6 +196,33 @@ def test_environment_of_a_colour() -> None:
     w = np.stack([polar(d, 77) for d in (10, 90, 170)], axis=1).astype(np.float32)
     for value, colour in ((0.5, (0.5, 0.5, 0.5)), ((3, 2, 1), (3, 2, 1))):
         np.testing.assert_allclose(EnvironmentLight(value).radiance(w).T, [colour] * 3, rtol=1e-6)
+
+
+@pytest.mark.parametrize("wrap, towards_poles", [("clamp", (1, 0)), ("repeat", (0.5, 0.5))])
+def test_environment_at_the_poles(wrap: Literal["clamp", "repeat"], towards_poles: tuple[float, float]) -> None:
+    """Straight up and down a map of a white row and a black one; with `repeat` as in pbrt-v2 and v3."""
+    sky = EnvironmentLight(np.array([1.0, 0.0]).reshape(2, 1, 1), wrap=wrap)
+    up_and_down = np.array([[0, 0], [0, 0], [1, -1]], np.float32)
+    np.testing.assert_allclose(sky.radiance(up_and_down)[0], towards_poles, atol=1e-6)
+
+
+@pytest.mark.parametrize("rule", ["fixed:0", "fixed:0.5", "fixed:1"])
+@pytest.mark.parametrize("rows", [2, 32])
+def test_environment_of_a_bright_top_row(rows: int, rule: str) -> None:
+    """Radiance of a floor against quadrature in float64 of a sky that is even above the middle of the top row, and
+    falls linearly to 0 at the middle of the next one; within 4 standard errors.
+    """
+    texels = np.zeros((rows, 4, 1))
+    texels[0] = 1
+    scene = box_scene(matte(0.5), (EnvironmentLight(texels),), resolution=(32, 32), fov=20)
+    result = render(scene, rule, 1024, seed=1, sampler="independent", integrator="direct")
+    theta = (np.arange(100_000) + 0.5) * np.pi / 2e5
+    radiance = np.clip(1.5 - theta * rows / np.pi, 0, 1)
+    # E = 2 pi int L cos sin dtheta; the floor has the radiance E kd / pi
+    expected = (radiance * np.cos(theta) * np.sin(theta)).sum() * np.pi / 2e5
+    error = np.sqrt(result.variance.mean() / 32**2)
+    assert error < 0.006 * expected
+    assert abs(result.image.mean(dtype=float) - expected) < 4 * error
 
 
 @pytest.mark.parametrize("share", [None, 0.6])
@@ -386,6 +417,7 @@ ANY: Any = np.ones((1, 1, 3))
         (lambda: EnvironmentLight(np.full((2, 2, 3), np.nan)), "texels must be finite"),
         (lambda: EnvironmentLight(1e38 * ANY, scale=(1e10, 1, 1)), r"texels times scale must be below 3.4e38.*e\+47"),
         (lambda: EnvironmentLight(ANY, 2 * np.eye(3)), "to_world must be a 3x3 rotation"),
+        (lambda: EnvironmentLight(ANY, wrap="mirror"), "wrap must be clamp or repeat; got 'mirror'"),  # type: ignore[arg-type]
         (lambda: EnvironmentLight(ANY, compensation=1.0), "compensation must be a number from 0 to 1, but less than 1"),
         (lambda: PointLight((0, 0, np.nan), WHITE), "position must be three finite"),
         (lambda: PointLight(ORIGIN, (-1, 0, 0)), "intensity must be"),

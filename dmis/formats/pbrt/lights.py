@@ -94,7 +94,10 @@ def _infinite(p: Parameters, to_world: Floats) -> Light:
             texels = to_latitude_longitude(image(p, "filename"))
     elif "mapname" in p.items:
         texels = image(p, "mapname")
-    return EnvironmentLight(texels, to_world[:3, :3] / factor, _strength(p, "L", "illuminance", np.pi))
+    strength = _strength(p, "L", "illuminance", np.pi)
+    return EnvironmentLight(
+        texels, to_world[:3, :3] / factor, strength, wrap="clamp" if p.dialect == "v4" else "repeat"
+    )
 
 
 LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {

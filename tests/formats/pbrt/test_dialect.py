@@ -755,5 +755,6 @@ def test_encoding_of_skies_and_normal_maps(read, tmp_path):
     pytest.importorskip("OpenImageIO")
     (tmp_path / "a.tga").write_bytes(tga(127, 128))
     (light,) = read("v3", 'LightSource "infinite" "string mapname" "a.tga"').lights
+    assert light.wrap == "repeat"
     (part,) = read("v4", 'Material "diffuse" "string normalmap" "a.tga"', add=TEXTURED).parts
     assert light.texels.mean() == pytest.approx(0.5, abs=1e-6) == part.material.relief.image.texels.mean()

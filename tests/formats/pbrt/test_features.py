@@ -205,6 +205,7 @@ def test_square_skies_are_those_of_pbrt(read, tmp_path):
     square = total / np.bincount(row * side + column, minlength=side * side).reshape(side, side, 1)
     write_exr(tmp_path / "sky.exr", {"RGB": square.astype(np.float32)})
     (light,) = read("v4", 'Rotate 30 0 0 1 LightSource "infinite" "string filename" "sky.exr" "float scale" 2').lights
+    assert light.wrap == "clamp"  # its texels are no rows
     d = directions(500, 7)
     turn = np.radians(30)
     world = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]) @ d

@@ -197,6 +197,7 @@ def test_infinite_light(read, tmp_path):
     close(light.texels, texels)
     close(light.to_world, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     close(light.scale, [1, 2, 3])
+    assert light.wrap == "repeat"
     light = one_light(read('LightSource "infinite" "rgb L" [.5 .5 .5]'), EnvironmentLight)
     close(light.radiance(np.array([[0], [0], [1]], np.float32)), [[0.5]] * 3)
 
