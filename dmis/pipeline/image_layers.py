@@ -25,7 +25,7 @@ import numpy as np
 
 from dmis.base.patches import pixels_together
 from dmis.base.validate import did_you_mean
-from dmis.base.vectors import Array
+from dmis.base.vectors import TINY, Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Record
 from dmis.fit.round import Budget, Pilot, Round
@@ -110,14 +110,21 @@ class _Gathering(Rule):
 
     def _gathered(self, round_: Round) -> Round:
         """Return a round of the image that gathers the layers."""
-        if round_.statistic is not None or round_.patterns is not None or np.ndim(round_.spp):
-            raise ValueError(
-                f"layers of light need a rule that takes the same number of samples in all pixels and leaves a pilot "
-                f"with a statistic out (reuse_pilot=False), such as balance or thesis; got {self.rule!r}"
-            )
-        if self.unweighted and (round_.shares.ndim > 1 or round_.tilt is not None):
-            raise ValueError(f"layer unweighted needs fixed shares, such as of rule balance; got {self.rule!r}")
-        gather = partial(_LayerSums, rule=self, shares=round_.shares, combiner=round_.settings.combiner)
+        combiner, names = combiner_by_name(round_.settings.combiner), tuple(t.name for t in round_.mixture)
+        uneven = round_.patterns is not None or np.ndim(round_.spp) > 0
+        learned = round_.shares.ndim > 1 or round_.tilt is not None
+        violated = {
+            "light need a rule that takes the same number of samples in all pixels, such as balance or thesis": uneven,
+            "light need rounds without a statistic (reuse_pilot=False)": round_.statistic is not None,
+            "light need rounds that go on from no earlier one": round_.before is not None,
+            f"light need rounds of the settings' techniques, {', '.join(self.techniques)}": names != self.techniques,
+            "light need a combiner that only weighs samples, such as balance": combiner.fits_pixels,
+            "unweighted light need fixed shares, such as those of balance": self.unweighted and learned,
+        }
+        for need in (need for need, wrong in violated.items() if wrong):
+            got = f"combiner {combiner.name}, techniques {', '.join(names)}, rule {self.rule!r}"
+            raise ValueError(f"layers of {need}; got {got}")
+        gather = partial(_LayerSums, rule=self, shares=round_.shares, combiner=combiner.name)
         return replace(round_, statistic=gather)
 
 
@@ -145,7 +152,13 @@ class _LayerSums:
             if self._rule.unweighted:
                 # f / p_k over w_k S samples, from W f / (w_k p_k) of S
                 weight = self._combiner.weight(self._shares[:, None], list(record.pdf), k) * record.pdf[k]
-                self._put(f"unweighted.{technique}", pixel[samples], value / (weight * self._shares[k]))
+                if not weight[record.pdf[k] > 0].all():
+                    raise ValueError(
+                        f"layer unweighted divides by MIS weights, but those of combiner {self._combiner.name} may "
+                        f"be 0. Set combiner=balance"
+                    )
+                weight = np.maximum(weight, TINY) * self._shares[k]
+                self._put(f"unweighted.{technique}", pixel[samples], value / weight)
         rest[np.abs(rest) < 1e-6 * radiance] = 0  # rounding errors
         for name in ("direct", "emission"):
             self._put(name, pixel, rest)

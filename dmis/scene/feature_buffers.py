@@ -80,16 +80,18 @@ def render_pixel_features(scene: Scene) -> tuple[dict[str, Array], int]:
 def render_surface_layers(scene: Scene, names: Sequence[str]) -> dict[str, Array]:
     """Return what the pixels show, by names of `SURFACE_LAYERS`, ``(H, W, C)`` or ``(H, W)`` float32.
 
-    ``albedo`` and ``normal`` are means over `RAYS` squared rays; what neither reflects nor emits is nothing. Others are
-    of the ray through the pixel's centre. Where it meets nothing, ``depth``, the distance along it, is infinite,
-    ``part`` is -1, and ``position`` and ``uv`` are 0.
+    ``albedo`` (at most 1) and ``normal`` are means over `RAYS` squared rays; what neither reflects nor emits is
+    nothing. Others are of the ray through the pixel's centre. Where it meets nothing, ``depth``, the distance along it,
+    is infinite, ``part`` is -1, and ``position`` and ``uv`` are 0.
     """
     inner, (origin, length, _) = scene.in_float32[0], scene.units
     layers: dict[str, Array] = {}
     if {"albedo", "normal"} & {*names}:
         places = (np.arange(RAYS) + 0.5) / RAYS - 0.5
         hits = [_first_hits(inner, 1, (x, y)) for y in places for x in places]
-        layers |= {name: np.mean([hit[name] for hit in hits], axis=0) for name in ("albedo", "normal")}
+        layers["normal"] = np.mean([hit["normal"] for hit in hits], axis=0)
+        # nominal reflectances of lobes, such as 0.04 of glass and the 1 that it transmits, may add up to more
+        layers["albedo"] = np.mean([np.minimum(hit["albedo"], 1) for hit in hits], axis=0)
     if {*names} - {"albedo", "normal"}:
         width, height = scene.camera.resolution
         grid = np.meshgrid(_centres(width, 1), _centres(height, 1))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import pickle
-from dataclasses import replace
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,6 +92,14 @@ def test_what_is_seen() -> None:
     np.testing.assert_allclose(16 * share, np.rint(16 * share), atol=1e-3)
 
 
+def test_albedo_is_at_most_one() -> None:
+    """Of white surfaces, whose lobes' nominal reflectances add up to more."""
+    glossy = dmis.rough_glass(0.1), dmis.coated_diffuse(1.0), dmis.metallic_roughness(1.0, 0.0, 0.5)
+    for material in (dmis.glass(), dmis.plastic(1.0, 1.0, 0.1), *glossy):
+        albedo = dmis.render(box_scene(material, fov=20), "balance", 1, layers=["albedo"]).layers["albedo"]
+        assert 0.9 < albedo.min() and albedo.max() <= 1, material.name
+
+
 def test_one_pixel() -> None:
     """No axis is lost."""
     layers = dmis.render(box_scene(resolution=(1, 3)), "balance", 2, layers=[*SURFACE, "direct"]).layers
@@ -138,12 +149,35 @@ def test_techniques_alone(rule: str) -> None:
     np.testing.assert_allclose(total(result.layers, "technique"), result.image, rtol=1e-4)
 
 
+@dataclass(frozen=True)
+class TwoRounds(dmis.Rule):
+    """Half of the samples as usual, and half in a round of which other fields are made from the film."""
+
+    fields: Callable[[dmis.Pilot], Mapping[str, Any]]
+
+    def rounds(self, budget: dmis.Budget) -> Generator[dmis.Round, dmis.Pilot, None]:
+        first = replace(budget.final(dmis.Fit(0.5)), spp=32, image_weight=32)
+        film = yield first
+        yield replace(first, **self.fields(film))
+
+
+GOES_ON = TwoRounds(lambda film: {"begin": 32, "before": film.moments, "image_weight": 64})
+UNIFORM = TwoRounds(lambda film: {"techniques": ("uniform", "brdf")})
+THREE = TwoRounds(lambda film: {"techniques": ("light", "uniform", "brdf"), "shares": np.full(3, 1 / 3)})
+
+
 @pytest.mark.parametrize(("layers", "options", "message"), [
     (["albdo"], {}, r"layers must be of albedo, .*light:0 \(QuadLight\); got 'albdo'.*albedo"),
     (["light:1"], {}, "got 'light:1'"),
     (["direct"], {"rule": "auto"}, "same number of samples in all pixels"),
-    (["unweighted"], {"rule": "thesis"}, "layer unweighted needs fixed shares"),
+    (["unweighted"], {"rule": "thesis"}, "layers of unweighted light need fixed shares"),
     (["direct"], {"rule": "balance", "noise": 0.5}, "without noise or seconds"),
+    (["direct"], {"rule": "fixed:0.5", "combiner": "optimal"}, "combiner that only weighs.*got combiner optimal"),
+    (["direct"], {"rule": GOES_ON}, "go on from no earlier one"),
+    (["technique"], {"rule": UNIFORM}, "techniques, light, brdf; got .* techniques uniform, brdf"),
+    (["technique"], {"rule": THREE}, "got .* techniques light, uniform, brdf"),
+    (["unweighted"], {"rule": "fixed:0.5", "combiner": "maximum"}, "those of combiner maximum may be 0"),
+    (["unweighted"], {"rule": "fixed:0.5", "combiner": "cutoff-0.5"}, "those of combiner cutoff-0.5 may be 0"),
 ])  # fmt: skip
 def test_refuses(layers: list[str], options: dict[str, object], message: str) -> None:
     """Names that are none, and rules of other numbers of samples."""
@@ -180,3 +214,18 @@ def test_names_in_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     names = {"N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z", "UV.U", "UV.V"}
     assert names <= layers.keys() and layers["Z"].shape == (6, 8)
     assert main([*command, "--layers", "albdo"]) == 2 and "layers must be of albedo" in capsys.readouterr().err
+
+
+def test_a_crop_has_its_place_in_the_file(tmp_path: Path) -> None:
+    """Viewers lay it over the whole image; it is read as before."""
+    openexr, path = pytest.importorskip("OpenEXR"), tmp_path / "part.exr"
+    part = box_scene(resolution=(20, 15)).crop((2, 12), (1, 9)).crop((2, 8), (2, 7))
+    result = dmis.render(part, "balance", 2)
+    dmis.write_image(path, result)
+    with openexr.File(str(path)) as file:
+        np.testing.assert_array_equal(file.header()["dataWindow"], ((3, 4), (7, 9)))
+        np.testing.assert_array_equal(file.header()["displayWindow"], ((0, 0), (19, 14)))
+    layers, attributes = dmis.read_exr(path)
+    np.testing.assert_array_equal(layers["RGB"], result.image)
+    provenance = json.loads(attributes["dmis.provenance"])
+    assert provenance["crop"] == [3, 4, 8, 10] and provenance["frame"] == [20, 15]
