@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,9 +39,9 @@ def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
 
 
 def write_exr(
-    path: str | os.PathLike[str], layers: Mapping[str, Array] | Array, attributes: Mapping[str, str] | None = None
+    path: str | os.PathLike[str], layers: Mapping[str, Array] | Array, attributes: Mapping[str, Any] | None = None
 ) -> None:
-    """Write layers ``(H, W)`` or ``(H, W, 3)``, float16 or float32, with string attributes; or an image alone.
+    """Write layers ``(H, W)`` or ``(H, W, 3)``, float16 or float32, with attributes of OpenEXR; or an image alone.
 
     A three-channel layer called ``RGB`` is the image; ``name.R``, ``name.G``, ``name.B`` hold any other.
 

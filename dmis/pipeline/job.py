@@ -57,7 +57,7 @@ class Job:
     settings
         Estimator settings of the final pass.
     notes
-        Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``), how a ``window`` is.
+        Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``); a window's place.
     window
         The part of the image of `scene` that is rendered, see `dmis.pipeline.window`; None: all of it.
     layers
@@ -73,7 +73,7 @@ class Job:
     most: int
     seed: int
     settings: Settings
-    notes: Mapping[str, str] = field(default_factory=dict)
+    notes: Mapping[str, Any] = field(default_factory=dict)
     window: Window | None = None
     layers: Callable[[], Mapping[str, Array]] = dict
 
@@ -165,9 +165,9 @@ def resolve(
     job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, notes)
     if scene.camera.frame is None:
         return job
-    window, pixels = window_of(scene.camera, used)
+    window, place = window_of(scene.camera, used)
     shown = float32_scene if window is None else float32_scene.uncropped
-    return replace(job, scene=shown, window=window, notes={**notes, "window": pixels})
+    return replace(job, scene=shown, window=window, notes={**notes, **place})
 
 
 def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:

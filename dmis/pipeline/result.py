@@ -54,7 +54,13 @@ def write_image(path: str | os.PathLike[str], result: Result | Array, exposure: 
     for name, values in result.layers.items():
         prefix, letters = CHANNELS.get(name, (name, ""))
         layers |= {f"{prefix}.{letter}": values[..., k] for k, letter in enumerate(letters)} or {prefix: values}
-    write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
+    provenance = dict(result.provenance)
+    header: dict[str, Any] = {"dmis.provenance": json.dumps(provenance)}
+    if "crop" in provenance:
+        (left, top, right, bottom), (width, height) = provenance["crop"], provenance["frame"]
+        header["dataWindow"] = (left, top), (right - 1, bottom - 1)
+        header["displayWindow"] = (0, 0), (width - 1, height - 1)
+    write_exr(path, layers, header)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Round
@@ -27,15 +28,18 @@ OWN_IMAGE = "an image of its own to this rule; fixed shares, as of balance, give
 """Value of ``window`` in the provenance of another window."""
 
 
-def window_of(camera: Camera, rule: Rule) -> tuple[Window | None, str]:
-    """Return the window that a camera shows, to be rendered as in the whole image, and `OF_WHOLE`.
+def window_of(camera: Camera, rule: Rule) -> tuple[Window | None, dict[str, Any]]:
+    """Return the window that a camera shows, to be rendered as in the whole image, and notes for the provenance.
 
-    None and `OWN_IMAGE` if the rule learns, or the whole is larger than an image may be.
+    None if the rule learns, or the whole is larger than an image may be. The notes are ``window``, `OF_WHOLE` or
+    `OWN_IMAGE`; ``crop``, the pixels x0, y0, x1, y1; and ``frame``, width and height of the whole image.
     """
-    if camera.frame is None or not isinstance(rule, Fixed) or math.prod(camera.frame) > MAX_PIXELS:
-        return None, OWN_IMAGE
+    frame = camera.frame or camera.resolution
     (left, top), (width, height) = camera.corner, camera.resolution
-    return ((top, top + height), (left, left + width)), OF_WHOLE
+    place = {"crop": [left, top, left + width, top + height], "frame": list(frame)}
+    if not isinstance(rule, Fixed) or math.prod(frame) > MAX_PIXELS:
+        return None, {"window": OWN_IMAGE, **place}
+    return ((top, top + height), (left, left + width)), {"window": OF_WHOLE, **place}
 
 
 class WindowFilm(PassFilm):
