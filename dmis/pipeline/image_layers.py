@@ -109,7 +109,10 @@ class _Gathering(Rule):
                     self.sums[name] = self.sums.get(name, 0) + requested.image_weight * mean
 
     def _gathered(self, round_: Round) -> Round:
-        """Return a round of the image that gathers the layers."""
+        """Return a round of the image that gathers the layers.
+
+        A ValueError if they would not sum to the image, because records do not tell all of it or weigh otherwise.
+        """
         combiner, names = combiner_by_name(round_.settings.combiner), tuple(t.name for t in round_.mixture)
         uneven = round_.patterns is not None or np.ndim(round_.spp) > 0
         learned = round_.shares.ndim > 1 or round_.tilt is not None

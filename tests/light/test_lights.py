@@ -225,12 +225,13 @@ def test_environment_of_a_bright_top_row(rows: int, rule: str) -> None:
     assert abs(result.image.mean(dtype=float) - expected) < 4 * error
 
 
+@pytest.mark.parametrize("wrap", ["clamp", "repeat"])
 @pytest.mark.parametrize("share", [None, 0.6])
-def test_environment_density_by_hand(share: float | None) -> None:
+def test_environment_density_by_hand(share: float | None, wrap: Literal["clamp", "repeat"]) -> None:
     """A texel has the mean luminance of its interpolant times the sine at its middle; compensated, what is above the
     mean of the sky.
     """
-    sky = EnvironmentLight(RANDOM_SKY, compensation=share)
+    sky = EnvironmentLight(RANDOM_SKY, compensation=share, wrap=wrap)
     theta, phi = np.meshgrid((np.arange(64) + 0.5) * np.pi / 64, (np.arange(128) + 0.5) * np.pi / 64, indexing="ij")
     w = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]).astype(np.float32)
     luminance = (LUMINANCE @ sky.radiance(w.reshape(3, -1))).reshape(8, 8, 16, 8).mean(axis=(1, 3))

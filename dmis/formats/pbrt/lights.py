@@ -84,7 +84,7 @@ def _distant(p: Parameters, to_world: Floats) -> Light:
 
 
 def _infinite(p: Parameters, to_world: Floats) -> Light:
-    factor = scale_of(to_world, "an infinite light", "it is all directions")
+    rotation = to_world[:3, :3] / scale_of(to_world, "an infinite light", "it is all directions")
     texels = np.ones((1, 1, 3))
     if p.dialect == "v4":
         p.refuse("portals are not supported; remove the parameter", "portal")
@@ -95,9 +95,7 @@ def _infinite(p: Parameters, to_world: Floats) -> Light:
     elif "mapname" in p.items:
         texels = image(p, "mapname")
     strength = _strength(p, "L", "illuminance", np.pi)
-    return EnvironmentLight(
-        texels, to_world[:3, :3] / factor, strength, wrap="clamp" if p.dialect == "v4" else "repeat"
-    )
+    return EnvironmentLight(texels, rotation, strength, wrap="clamp" if p.dialect == "v4" else "repeat")
 
 
 LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
