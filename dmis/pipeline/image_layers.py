@@ -124,9 +124,10 @@ class _Gathering(Rule):
             "light need a combiner that only weighs samples, such as balance": combiner.fits_pixels,
             "unweighted light need fixed shares, such as those of balance": self.unweighted and learned,
         }
-        for need in (need for need, wrong in violated.items() if wrong):
-            got = f"combiner {combiner.name}, techniques {', '.join(names)}, rule {self.rule!r}"
-            raise ValueError(f"layers of {need}; got {got}")
+        got = f"combiner {combiner.name}, techniques {', '.join(names)}, rule {self.rule!r}"
+        for need, wrong in violated.items():
+            if wrong:
+                raise ValueError(f"layers of {need}; got {got}")
         gather = partial(_LayerSums, rule=self, shares=round_.shares, combiner=combiner.name)
         return replace(round_, statistic=gather)
 
