@@ -31,8 +31,10 @@ def found_file(folder: Path, name: str, root: Path | None) -> Path | None:
     r"""Return the path of a file that another machine may have named, such as ``C:\My Scene\Wood.JPG``.
 
     It is that of `named_file`; if there is no such file, the one in `folder` whose path is the longest end of `name`,
-    upper and lower case being the same. None if there is none. Raises a ValueError as `named_file` does.
+    upper and lower case being the same. Blanks may be escaped. None if there is none. Raises a ValueError as
+    `named_file` does.
     """
+    name = name.replace("\\ ", " ")
     path = named_file(folder, name, root)
     words = re.split(r"[\\/]|^\w:", name.strip())
     words = [word for word in words if word not in (".", "..") and 0 < len(word) < 256]  # longer ones are no names

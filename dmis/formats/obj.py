@@ -11,6 +11,7 @@ Technologies, *Advanced Visualizer Manual*, MTL material format; Exocortex, *PBR
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,15 +43,15 @@ Images = dict[tuple[str, bool], Image | None]
 
 def read_obj_with_materials(data: bytes, model: Model) -> None:
     """Add the triangles of the bytes of an OBJ file to a model, with the materials of the MTL files that it names."""
-    meshes, libraries, coloured = read_obj(data)
+    meshes, libraries, unread = read_obj(data)
     materials: dict[str, tuple[Path, Statements]] = {}
     for names in libraries:
         # one name with spaces, or several
-        several = [] if found_file(model.path.parent, names, None) else names.split()
+        several = [] if found_file(model.path.parent, names, None) else re.split(r"(?<!\\) ", names)
         for name in several or [names]:
             if (path := model.file(name)) is not None:
                 materials |= {material: (path, mtl) for material, mtl in _read_mtl(path).items()}
-    model.unread["vertex colours"] += coloured
+    model.unread.update(unread)
     images: Images = {}
     for name, flat in meshes.items():
         if (mesh := model.drop_flat(flat)) is None:
@@ -75,7 +76,7 @@ def _read_mtl(path: Path) -> dict[str, Statements]:
         word, _, argument = " ".join(line.split()).partition(" ")
         if word.lower() == "newmtl":
             mtl = materials[argument] = {}
-        elif word:
+        elif word and (argument or not word.lower().startswith("map_")):  # exporters name no file where none is
             mtl[_SPELLINGS.get(word.lower(), word)] = number, argument
     return materials
 

@@ -27,9 +27,9 @@ _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
 """Statements that are refused, because they make surfaces or read other files."""
 
 
-def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
+def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], dict[str, bool]]:
     """Return the meshes of the bytes of an OBJ file, by the name of their material, "" above any ``usemtl``; what
-    follows ``mtllib``, names of files with the materials; and whether vertices have a colour, which is not read.
+    follows ``mtllib``, names of files with the materials; and whether the file has what is not read.
 
     A polygon is a fan about its first corner, or is cut along its ears, if it is concave. If some faces of a mesh have
     normals, the others have their geometric normal; if some have texture coordinates, those of the others are 0. A
@@ -47,10 +47,12 @@ def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
     names = {name: number for number, name in enumerate(dict.fromkeys(used))}
     material = np.array([names[name] for name in used])[np.searchsorted(uses, rows)]
     libraries = tuple(dict.fromkeys(" ".join(lines[k].split()[1:]) for k in np.flatnonzero(heads == "mtllib")))
-    corners = corners[_triangles(sides, positions[corners[:, 0]])]
+    corners = corners[triangulate(sides, positions[corners[:, 0]])]
     material = np.repeat(material, sides - 2)
     meshes = {name: _mesh(tables, corners[material == names[name]]) for name in names if names[name] in material}
-    return meshes, libraries, coloured
+    groups = (lines[k].lower().split()[1:] for k in np.flatnonzero(heads == "s"))
+    smooth = not len(tables[2]) and any(group not in ([], ["0"], ["off"]) for group in groups)
+    return meshes, libraries, {"vertex colours": coloured, "smoothing groups (it has no normals, it is flat)": smooth}
 
 
 def uncommented(text: str) -> str:
@@ -128,11 +130,13 @@ def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints, Ints]:
     return np.where(np.repeat(whole, sides, axis=0), corners, -1), sides, np.fromiter(faces, np.int64)
 
 
-def _triangles(sides: Ints, points: Floats) -> Ints:
+def triangulate(sides: Ints, points: Floats) -> Ints:
     """Return the corners of the triangles of polygons of `sides` (N,) corners at `points` (C, 3), (F, 3).
 
     They are the fan (0, 1, 2), (0, 2, 3), ..., or `_ears` where one of it is wound against its polygon.
     """
+    if (sides == 3).all():
+        return np.arange(len(points)).reshape(-1, 3)
     count, begin = sides - 2, np.cumsum(sides) - sides
     polygon = np.repeat(np.arange(len(sides)), count)
     place = np.cumsum(count) - count

@@ -37,7 +37,7 @@ def lobes(scene, part=0):
 def test_each_material_is_a_part(load):
     """Triangles of one name are one part, wherever they stand; those without a name are grey."""
     mtl = "newmtl a\nKd 1 0 0\nKa 1 1 1\nillum 2\nnewmtl b c\nKd 0 .5 0\n"
-    scene = load(mtl, f"{FACE}usemtl b c\n{FACE}usemtl a\n{FACE}usemtl  b  c\n{FACE}")
+    scene = load(mtl, f"s 0\n{FACE}usemtl b c\n{FACE}s off\nusemtl a\n{FACE}usemtl  b  c\n{FACE}")
     names = {part.material.name: (part.mesh.triangles, part.material.lobes[0].reflectance) for part in scene.parts[:3]}
     assert names == {"matte": (1, 0.5), "b c": (2, (0, 0.5, 0)), "a": (1, (1, 0, 0))}
     assert "unread" not in scene.source
@@ -69,6 +69,19 @@ def test_images(load, tmp_path):
         (lobe,) = lobes(load(f"newmtl a\n{kd}\nmap_Kd -s 2 3 1 -o .5 sub\\my wood.exr\n"))
         np.testing.assert_allclose(lobe.reflectance.texels, texels[::-1] * factor, rtol=1e-6)
         assert (lobe.reflectance.scale, lobe.reflectance.offset) == ((2, 3), (0.5, 0))
+    for empty in ("map_Kd", "map_Kd ", "MAP_KD"):  # no image
+        assert lobes(load(f"newmtl a\nKd .2 .4 .6\n{empty}\n"))[0].reflectance == (0.2, 0.4, 0.6)
+
+
+def test_escaped_blanks(tmp_path):
+    """In names of MTL files, one or several in a line, and of images."""
+    write_exr(tmp_path / "my wood.exr", {"RGB": np.full((1, 2, 3), (0.1, 0.2, 0.3), np.float32)})
+    (tmp_path / "my lib.mtl").write_text("newmtl a\nmap_Kd my\\ wood.exr\n")
+    (tmp_path / "b.mtl").write_text("newmtl b\nKd 1\n")
+    for libraries in ("my\\ lib.mtl", "b.mtl my\\ lib.mtl"):
+        (tmp_path / "a.obj").write_text(f"mtllib {libraries}\n{CORNERS}usemtl a\n{FACE}")
+        (lobe,) = lobes(dmis.load_scene(tmp_path / "a.obj"))
+        np.testing.assert_allclose(lobe.reflectance.texels[0, 0], [0.1, 0.2, 0.3])
 
 
 def test_masks(load, tmp_path):
@@ -115,6 +128,10 @@ def test_materials_by_name(load):
         ("newmtl a\nmap_Kd none.png\n", "usemtl a\n" + FACE, "missing file 'none.png'"),
         ("newmtl a\nKd 1\n", "mtllib gone.mtl\nusemtl a\n" + FACE, "missing file 'gone.mtl'"),
         ("newmtl a\nKd 1\n", f"usemtl b\n{FACE}", "material 'b' without a definition"),
+        (
+            "newmtl a\nKd 1\n", f"s off\nusemtl a\ns 1\n{FACE}",
+            "smoothing groups (it has no normals, it is flat)"
+        ),
         ("newmtl a\nKd 2\nKs 1.2\n", "usemtl a\n" + FACE, "Kd above 1 of 'a', Ks above 1 of 'a'"),
     ],
 )  # fmt: skip
@@ -229,8 +246,9 @@ def test_roughness_and_metalness(load):
 
 def test_glass(load):
     """illum 7 refracts: Tf is what it transmits, Ni its index; an image that it does without is named."""
-    for mtl, kt, eta in (("Ni 1.33\nTf .9 .8 2\nd .1\n", (0.9, 0.8, 1), 1.33), ("", (1, 1, 1), 1.5)):
-        reflection, refraction = lobes(load(f"newmtl a\nKd .01\nKs .95\nillum 7 # glass\n{mtl}"))
+    cases = [("Kd .01\nKs .95\nNi 1.33\nTf .9 .8 2\nd .1\n", (0.9, 0.8, 1), 1.33), ("", (1, 1, 1), 1.5)]
+    for mtl, kt, eta in (*cases, ("Ni 1.4\nmap_Kd\n", (1, 1, 1), 1.4)):
+        reflection, refraction = lobes(load(f"newmtl a\nillum 7 # glass\n{mtl}"))
         assert (refraction.transmittance, refraction.eta, reflection.fresnel.eta) == (kt, eta, eta)
     with pytest.warns(SceneWarning, match="left out: map_Kd of glass$"):
         load("newmtl a\nillum 7\nmap_Kd wood.png\n")
