@@ -92,6 +92,10 @@ def prepare(folder: Path) -> None:
     _ = smooth.vertex_normals
     smooth.export(good / "b.ply", vertex_normal=True)
     smooth.export(good / "c.stl")
+    quad_and_triangle = struct.pack("<B4IB3I", 4, 0, 1, 2, 3, 3, 0, 1, 4)
+    head, body = smooth.export(file_type="ply").split(b"end_header\n", 1)
+    head = re.sub(rb"element face \d+", b"element face 2", head)
+    (good / "r.ply").write_bytes(head + b"end_header\n" + body[: 24 * len(smooth.vertices)] + quad_and_triangle)
     (good / "d.stl").write_text(trimesh.exchange.stl.export_stl_ascii(box))
     (good / "e.obj").write_text(OBJ)
     (good / "material.mtl").write_text(MTL)

@@ -21,7 +21,7 @@ import dmis
 from dmis.cli.commands import main
 from dmis.experiment.reference import load_reference
 from dmis.fit.registry import make_rule
-from dmis.geometry.mesh_files import placed_meshes
+from dmis.geometry.mesh_files import placed_geometries
 from dmis.image import read_exr, write_exr
 from dmis.scene.scene import Scene
 
@@ -167,7 +167,7 @@ def test_files_that_end_early(tmp_path, capfd):
     ply = trimesh.exchange.ply.export_ply(trimesh.creation.box(), encoding="ascii")
     chunk = struct.pack("<4sIIII", b"glTF", 2, 99, 2**32 - 1, 0x4E4F534A) + bytes(79)
     for name, data, message in (
-        ("a.ply", ply.replace(b"face 12", b"face 1000000000000"), "its header needs 1000000000008 lines behind it"),
+        ("a.ply", ply.replace(b"face 12", b"face 1000000000000"), "it is cut off: it must have as many rows as"),
         ("a.glb", chunk, "it must have 4294967315 bytes; it has 99"),
         ("a.stl", bytes(80) + b"\xff" * 54, "damaged"),
     ):
@@ -209,10 +209,10 @@ def test_instances_are_counted(monkeypatch):
     monkeypatch.setattr("dmis.geometry.mesh_files.MAX_FACES", 20)
     scene = trimesh.Scene(trimesh.creation.box())
     name = next(iter(scene.geometry))
-    assert [mesh.triangles for _, mesh in placed_meshes(scene)] == [12]
+    assert [len(mesh.faces) for _, mesh in placed_geometries(scene)] == [12]
     scene.graph.update("again", geometry=name)
     with pytest.raises(ValueError, match="at most 20 triangles, because instances are copied"):
-        placed_meshes(scene)
+        placed_geometries(scene)
 
 
 @pytest.mark.parametrize(

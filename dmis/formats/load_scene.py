@@ -21,11 +21,12 @@ from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.formats.emission import LEAST_LIT, without_overlaps
 from dmis.formats.gltf import read_gltf
-from dmis.formats.model import DEFAULT_MATERIAL, Y_UP, Model, camera_of, up_axis, with_materials
+from dmis.formats.model import Y_UP, Model, camera_of, up_axis, with_materials
 from dmis.formats.obj import read_obj_with_materials
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.mesh_files import MESH_SUFFIXES, load_mesh, placed_meshes, reading, unread_of_ply
+from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, load_mesh, placed_geometries, reading
+from dmis.geometry.ply import unread_of_ply
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import AreaLight, Light
@@ -79,7 +80,7 @@ def load_scene(
         none and emits too little (`LEAST_LIT`), a sky and a lamp (`default_lights`). What the file emits stays.
     material
         One for all, or a dict by the names of the file's materials, or of the geometries of a trimesh scene, which
-        leaves the others. Default: those of a glTF or OBJ file, else matte grey.
+        leaves the others. Default: those of a glTF or OBJ file or of trimesh, else matte grey.
     dialect
         Dialect of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: detected from the words of the file.
     outside
@@ -121,10 +122,21 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         model = read_file(Path(source), outside, isinstance(material, Material))
         names = [part.material.name for part in model.parts]
     else:
-        model = Model(Path("scene"))
-        named = [("", source)] if isinstance(source, Mesh) else placed_meshes(source)
-        names = [name for name, _ in named]
-        model.parts = [Part(mesh, DEFAULT_MATERIAL) for _, mesh in named]
+        model, names = Model(Path("scene")), []
+        geometries: Any = [("", source)] if isinstance(source, Mesh) else placed_geometries(source)
+        for name, mesh in geometries:
+            if isinstance(mesh, Mesh):
+                model.add(mesh)
+            elif isinstance(material, Material) or not mesh.visual.defined:
+                model.add(from_trimesh(mesh))
+            else:  # its colours and its material are those of the file that trimesh writes
+                read_gltf(Gltf(Path("scene.glb"), mesh.export(file_type="glb")), model)
+            names += [name] * (len(model.parts) - len(names))
+    if not model.parts:
+        raise ValueError(
+            f"{model.path}: mesh must have a triangle with an area and an opacity, because no ray hits others; got "
+            f"{model.flat} without an area"
+        )
     parts, name = with_materials(model.parts, names, material), model.path.stem
     bounds = np.array([part.mesh.bounds for part in parts])
     low, high, axis = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), up_axis(model.path, view[1])
@@ -175,11 +187,6 @@ def read_file(path: Path, outside: bool, bare: bool) -> Model:
             model.add(mesh)
         if path.suffix.lower() == ".ply" and not bare:
             model.unread.update(unread_of_ply(path))
-    if not model.parts:
-        raise ValueError(
-            f"{path}: mesh must have a triangle with an area and an opacity, because no ray hits others; got "
-            f"{model.flat} without an area"
-        )
     return model
 
 

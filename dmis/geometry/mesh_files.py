@@ -1,20 +1,20 @@
-"""Meshes from files: OBJ by `dmis.geometry.wavefront`, glTF by `dmis.geometry.gltf`, PLY and STL by trimesh."""
+"""Meshes from files: OBJ by `dmis.geometry.wavefront`, glTF by `gltf`, PLY by `ply`, STL and objects by trimesh."""
 
 from __future__ import annotations
 
 import io
 import logging
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dmis.geometry.gltf import MAX_FACES, Gltf
 from dmis.geometry.mesh import Mesh, concatenate, repair_normals, vertex_normals, weld
+from dmis.geometry.ply import read_ply
 from dmis.geometry.wavefront import read_obj
 
 if TYPE_CHECKING:
@@ -41,16 +41,15 @@ def from_trimesh(mesh: trimesh.Trimesh) -> Mesh:
     return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
 
 
-def placed_meshes(source: trimesh.Trimesh | trimesh.Scene) -> list[tuple[str, Mesh]]:
-    """Return the geometries of a trimesh object with their names, an entry for each place where a scene has one.
+def placed_geometries(source: trimesh.Trimesh | trimesh.Scene) -> list[tuple[str, trimesh.Trimesh]]:
+    """Return the triangle meshes of a trimesh object with their names, one for each place where a scene has one.
 
-    Geometries that the scene mirrors keep their outside, as glTF defines it. Raises a ValueError if it is no such
-    object, or there are no triangles, or more than `MAX_FACES`.
+    Raises a ValueError if it is no such object, or there are no triangles, or more than `MAX_FACES`.
     """
     import trimesh
 
     if isinstance(source, trimesh.Trimesh):
-        return [("", from_trimesh(source))]
+        return [("", source)]
     if not isinstance(source, trimesh.Scene):
         raise ValueError(f"source must be a path, a name, a Mesh, or triangles of trimesh; got {type(source).__name__}")
     places = [source.graph[node] for node in source.graph.nodes_geometry]
@@ -59,13 +58,8 @@ def placed_meshes(source: trimesh.Trimesh | trimesh.Scene) -> list[tuple[str, Me
         raise ValueError("mesh must hold triangles, because only they can be hit; got a scene without any")
     if sum(len(source.geometry[name].faces) for _, name in places) > MAX_FACES:
         raise ValueError(f"mesh must have at most {MAX_FACES} triangles, because instances are copied")
-    meshes = []
-    for matrix, name in places:
-        placed = from_trimesh(source.geometry[name]).transformed(matrix)
-        if np.linalg.det(matrix[:3, :3]) < 0:
-            placed = Mesh(placed.vertices, placed.faces[:, ::-1], placed.normals, placed.uv)
-        meshes.append((str(name), placed))
-    return meshes
+    # those that are mirrored keep their outside
+    return [(str(name), source.geometry[name].copy(include_cache=True).apply_transform(at)) for at, name in places]
 
 
 def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
@@ -89,8 +83,13 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
             mesh = concatenate(list(read_obj(data)[0].values()))
         elif suffix in (".glb", ".gltf"):
             mesh = concatenate([mesh for mesh, *_ in Gltf(path, data, bare=True).primitives()])
+        elif suffix == ".ply":
+            mesh = read_ply(data)
         else:
-            mesh = _load(data, suffix)
+            import trimesh  # takes 50 MB and half a second
+
+            # process=True would merge and reorder vertices
+            mesh = from_trimesh(trimesh.load_mesh(io.BytesIO(data), file_type="stl", process=False))
     if smooth is None or smooth == (mesh.normals is not None):
         return mesh
     normals = None
@@ -115,72 +114,3 @@ def reading(path: Path) -> Iterator[bytes]:
         damaged = "it is empty, damaged, or of a form that is not read; export it again"
         reason = str(error) if type(error) is ValueError else damaged
         raise ValueError(f"mesh file {path} cannot be read as {suffix[1:].upper()}: {reason}") from error
-
-
-def _load(data: bytes, suffix: str) -> Mesh:
-    """Return the mesh of the bytes of a PLY or STL file. The file may name others, which are not looked for."""
-    if (mesh := _load_plain_ply(data)) is not None:
-        return mesh
-    import trimesh
-
-    if suffix == ".ply":
-        header, end, rest = data.partition(b"end_header")
-        _check_ply(header.decode("latin-1"), rest)
-        header = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t")  # names that trimesh does not know
-        data = header + end + rest
-    # process=True would merge and reorder vertices; a material is an image
-    loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True)
-    return concatenate([mesh for _, mesh in placed_meshes(loaded)])  # ASCII STL may hold several
-
-
-_PLAIN_PLY = re.compile(
-    rb"ply\s+format binary_little_endian 1[.]0\s+(?:comment .*\n)*"
-    rb"element vertex (\d+)\s+((?:property float n?[xyz]\s+)+)"
-    rb"element face (\d+)\s+property list uchar u?int vertex_ind(?:ices|ex)\s+end_header\r?\n"
-)
-"""Header of PLY files that `_load_plain_ply` reads."""
-
-
-def _load_plain_ply(data: bytes) -> Mesh | None:
-    """Return the mesh of a binary PLY file of positions, normals and triangles alone; None for other files.
-
-    Those are left to trimesh, whose import takes 50 MB and half a second.
-    """
-    header = _PLAIN_PLY.match(data)
-    columns = {b"xyz": 3, b"xyznxnynz": 6}.get(re.sub(rb"property float|\s", b"", header[2])) if header else None
-    if header is None or columns is None:
-        return None
-    end = header.end() + 4 * columns * int(header[1])
-    row = np.dtype([("corners", "u1"), ("face", "<i4", 3)])
-    if len(data) != end + row.itemsize * int(header[3]):
-        return None
-    faces = np.frombuffer(data, row, offset=end)
-    if not len(faces) or (faces["corners"] != 3).any():
-        return None
-    table = np.frombuffer(data[header.end() : end], "<f4").reshape(-1, columns).astype(np.float64)
-    vertices, normals = table[:, :3], table[:, 3:]
-    return Mesh(vertices, faces["face"], repair_normals(vertices, faces["face"], normals) if normals.any() else None)
-
-
-def _check_ply(header: str, body: bytes) -> None:
-    """Raise a ValueError for an ASCII PLY file with too few lines, or with fractions in lists, which trimesh reads."""
-    if "format ascii" not in header:
-        return
-    lines = [line for line in body.splitlines() if line.strip()]
-    end = 0
-    for count, lists in re.findall(r"element \w+ (\d+)\s+(property list)?", header):
-        begin, end = end, end + int(count)
-        if end > len(lines):
-            raise ValueError(f"it is cut off: its header needs {end} lines behind it; it has {len(lines)}")
-        for row in map(bytes.split, lines[begin:end] if lists else []):
-            if b"." in b" ".join(row[: 1 + int(float(row[0]))]):
-                text = b" ".join(row[:9]).decode("latin-1")
-                raise ValueError(f"the lists of a PLY file must hold whole numbers, indices of corners; got {text!r}")
-
-
-def unread_of_ply(path: Path) -> dict[str, int]:
-    """Return the numbers of materials and textures of a PLY file, and whether it has colours."""
-    with path.open("rb") as file:
-        header = file.read(2**16).partition(b"end_header")[0]
-    numbers = {"material": header.count(b"element material"), "texture": header.count(b"comment TextureFile")}
-    return numbers | {"vertex colours": len(re.findall(rb"property \w+ (?:diffuse_)?red\s", header))}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from helpers import Z_LIMIT, glb, z_score
+from PIL import Image as PIL
 
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
@@ -139,6 +140,33 @@ def test_materials_by_name():
     assert [part.material for part in parts] == [red, glossy]
     np.testing.assert_allclose(parts[1].mesh.vertices.mean(axis=0), [5, 0, 0])
     assert load_scene(scene, material={"a": red}, lights=()).parts[1].material is DEFAULT_MATERIAL
+
+
+@pytest.mark.parametrize("kind", ["faces", "vertices", "material", "image"])
+def test_colours_and_materials_of_trimesh(tmp_path, kind):
+    """They are those of the same GLB file, at the places of a scene; one material for all replaces them."""
+    thing = trimesh.creation.box()
+    if kind == "faces":
+        thing.visual.face_colors = (200, 50, 50, 255)
+    elif kind == "vertices":
+        thing.visual.vertex_colors = np.random.default_rng(1).integers(0, 256, (8, 4))
+    else:
+        image = PIL.fromarray(np.full((2, 2, 3), (9, 200, 50), np.uint8)) if kind == "image" else None
+        surface = {"baseColorFactor": (255, 0, 0, 255)} if image is None else {"baseColorTexture": image}
+        material = trimesh.visual.material.PBRMaterial(**surface, metallicFactor=0.0, roughnessFactor=0.5)
+        thing.visual = trimesh.visual.TextureVisuals(uv=thing.vertices[:, :2], material=material)
+    scene = trimesh.Scene({"a": thing})
+    scene.apply_transform(trimesh.transformations.translation_matrix([0, 3, 0]) @ np.diag([-1, 1, 1, 1]))
+    scene.export(tmp_path / "a.glb")
+    of_file, memory = load_scene(tmp_path / "a.glb").parts[0], load_scene(scene).parts[0]
+    assert repr(memory.material) == repr(of_file.material) and memory.material.name != "matte"
+    corners = [np.sort(part.mesh.vertices[part.mesh.faces], axis=1) for part in (memory, of_file)]
+    np.testing.assert_allclose(*corners, atol=1e-6)
+    assert load_scene(scene, material={"a": mirror()}).parts[0].material.name == "mirror"
+    assert load_scene(scene, material=mirror()).parts[0].material.name == "mirror"
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], process=False, vertex_colors=[[9] * 3] * 3)
+    with pytest.warns(SceneWarning, match="1 of .* triangles have no area"):
+        assert load_scene(trimesh.Scene({"flat": flat, "a": thing}), material={"a": mirror()}).parts[0].mesh.triangles
 
 
 def test_instances_of_one_geometry():
@@ -362,14 +390,15 @@ def test_a_pbrt_texture_without_coordinates_warns(tmp_path):
     load_scene(path, dialect="v2")
 
 
-@pytest.mark.parametrize("row", ["3 0 1.5 2", "3.5 0 1 2"])
-def test_lists_of_fractions_in_ply_are_refused(tmp_path, row):
-    """Of which trimesh would take the whole part; whole numbers are read."""
+@pytest.mark.parametrize(
+    "row, wrong", [("3 0 1.5 2", "hold whole numbers below 3, .*; got 1.5"), ("3.5 0 1 2", "have whole numbers of")]
+)
+def test_lists_of_fractions_in_ply_are_refused(tmp_path, row, wrong):
     head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {n}" for n in "xyz"), "element face 1"]
     body = ["property list uchar int vertex_indices", "end_header", "0 0 0.5", "1 0 0.5", "0 1 0.5"]
     path = tmp_path / "a.ply"
     path.write_text("\n".join([*head, *body, row, ""]))
-    with pytest.raises(ValueError, match=f"the lists of a PLY file must hold whole numbers, .*; got '{row}'"):
+    with pytest.raises(ValueError, match=f"the lists of a PLY file must {wrong}"):
         load_mesh(path)
     path.write_text("\n".join([*head, *body, "3 0 1 2", ""]))
     assert load_mesh(path).triangles == 1

@@ -1,6 +1,5 @@
 """Meshes: subdivision against what is known of its limit, tessellations against exact normals, files, faults."""
 
-import io
 import pickle
 import re
 
@@ -11,7 +10,7 @@ from helpers import glb, script
 
 from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
-from dmis.geometry.mesh_files import from_trimesh, load_mesh, placed_meshes
+from dmis.geometry.mesh_files import from_trimesh, load_mesh, placed_geometries
 from dmis.geometry.shapes import circular, cylindrical, quad, sphere, spherical
 from dmis.geometry.subdivision import loop_subdivide
 from dmis.geometry.transforms import look_at, rotate, scale, translate
@@ -458,7 +457,7 @@ def test_scene_graph_is_applied():
     scene.add_geometry(thing, transform=translate([5, 0, 0]))
     scene.add_geometry(thing, transform=translate([0, 7, 0]) @ scale([-1, 2, 1]))
     scene.add_geometry(trimesh.PointCloud([[0, 0, 0]]))
-    mesh = concatenate([placed for _, placed in placed_meshes(scene)])
+    mesh = concatenate([from_trimesh(placed) for _, placed in placed_geometries(scene)])
     assert mesh.triangles == 16 and mesh.normals is None
     centre = np.where(np.arange(16)[:, None] < 8, [5, 0, 0], [0, 7, 0])
     outwards = mesh.vertices[mesh.faces].mean(axis=1) - centre
@@ -495,7 +494,7 @@ V, F = TRIANGLE
         (lambda: Mesh(V, F).transformed(np.eye(3)), r"matrix must be finite, 4x4"),
         (lambda: Mesh(V, F).transformed(np.diag([1, 1, 0, 1])), r"matrix must be invertible, because normals"),
         (lambda: concatenate([]), r"meshes must hold at least one mesh"),
-        (lambda: placed_meshes(trimesh.Scene()), r"mesh must hold triangles"),
+        (lambda: placed_geometries(trimesh.Scene()), r"mesh must hold triangles"),
         (lambda: from_trimesh(trimesh.PointCloud(V)), r"mesh must be a trimesh.Trimesh with faces"),
         (lambda: translate([1, 2]), r"offset must be three finite numbers; got \[1.0, 2.0\]"),
         (lambda: scale([1, np.inf, 1]), r"factors must be three finite numbers"),
@@ -568,17 +567,62 @@ def test_compressed_glb_is_refused(tmp_path):
         load_mesh(path)
 
 
+def write_ply(path, form, faces, corners, uv=None):
+    """Write vertices with a colour, faces with a number behind their list, and an element that is not read."""
+    order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(form)
+    head = ["ply", f"format {form} 1.0", "comment element face 9", f"element vertex {len(corners)}"]
+    head += [*(f"property double {x}" for x in "xyz"), "property uchar red", f"element face {len(faces)}"]
+    head += ["property list ushort float texcoord"] * (uv is not None) + ["property list uchar uint vertex_indices"]
+    head += ["property short flags", "element edge 1", "property list int int two", "end_header"]
+    rows = [[(corner, "f8"), (7, "u1")] for corner in corners]
+    for face in faces:
+        lists = [] if uv is None else [(2 * len(face), "u2"), (np.take(uv, face, axis=0).ravel(), "f4")]
+        rows.append([*lists, (len(face), "u1"), (face, "u4"), (-3, "i2")])
+    rows.append([(2, "i4"), ([0, 1], "i4")])
+    if order:
+        body = b"".join(np.array(x, order + kind).tobytes() for row in rows for x, kind in row)
+    else:
+        body = "\n".join(" ".join(map(str, np.hstack([x for x, _ in row]).tolist())) for row in rows).encode()
+    path.write_bytes("\n".join([*head, ""]).encode() + body)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("textured", [False, True])
+def test_polygons_of_ply(tmp_path, form, textured):
+    """Faces of 3, 4, 5 and 2 corners, one of them concave, cover their areas once; files cut off are refused."""
+    arrow = [(2, 0, 0), (0.5, 0.5, 0), (0, 2, 0), (0, 0, 0)]  # its second corner is concave, so that a fan overlaps
+    house = [(x, y, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0.5, 2), (0, 1))]
+    corners = np.array([*arrow, *house])
+    faces = [[0, 1, 2, 3], [4, 5, 6], [4, 5, 6, 7, 8], [0, 1], [8, 5, 6]]
+    path = tmp_path / "a.ply"
+    write_ply(path, form, faces, corners, corners[:, :2] / 2 if textured else None)
+    mesh = load_mesh(path)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    areas = np.cross(b - a, c - a)[:, 2] / 2
+    assert (areas > 0).all() and len(areas) == 7
+    sums = [areas[:2].sum(), areas[2], areas[3:6].sum(), areas[6]]
+    np.testing.assert_allclose(sums, [1, 0.5, 1.5, 0.5])
+    if textured:
+        np.testing.assert_allclose(mesh.uv, mesh.vertices[:, :2] / 2)
+    data = path.read_bytes()
+    for end in (data.index(b"end_header") + 12, len(data) - 60, len(data) - 1):
+        path.write_bytes(data[:end])
+        with pytest.raises(ValueError, match=r"a\.ply cannot be read as PLY: it is cut off: it must have as many rows"):
+            load_mesh(path)
+    write_ply(path, form, [[0, 1, 9]], corners)
+    with pytest.raises(ValueError, match=r"the lists of a PLY file must hold whole numbers below 9, .*; got 9"):
+        load_mesh(path)
+
+
 @pytest.mark.parametrize("smooth", [True, False])
-def test_plain_ply_files_are_read_as_trimesh_reads_them(smooth):
-    """Files that are cut off, have other numbers or another polygon are left to trimesh."""
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_ply_files_are_read_as_trimesh_reads_them(tmp_path, smooth, encoding):
     thing = trimesh.Trimesh(*OCTAHEDRON, vertex_normals=OCTAHEDRON[0] if smooth else None, process=False)
-    data = thing.export(file_type="ply", vertex_normal=smooth)
-    expected = from_trimesh(trimesh.load(io.BytesIO(data), "ply", process=False))
-    mesh = mesh_files._load_plain_ply(data)
+    thing.export(tmp_path / "a.ply", vertex_normal=smooth, encoding=encoding)
+    expected = from_trimesh(trimesh.load(tmp_path / "a.ply", process=False))
+    mesh = load_mesh(tmp_path / "a.ply")
     for name in ("vertices", "faces", "normals"):
         np.testing.assert_array_equal(getattr(mesh, name), getattr(expected, name))
-    for other in (data[:-1], data.replace(b"little", b"big"), data[:-13] + b"\4" + data[-12:]):
-        assert mesh_files._load_plain_ply(other) is None
 
 
 @pytest.mark.parametrize("names", [("u", "v"), ("s", "t"), ("texture_u", "texture_v"), ("texture_s", "texture_t")])
