@@ -22,6 +22,8 @@ MAX_CHANNELS = 64
 """Most channels of an image file that is read."""
 MAX_VALUES = 16 * MAX_PIXELS
 """Most values of all channels of an image file that is read."""
+REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+"""Chromaticities x, y of red, green, blue and white of all images, also those of EXR files that do not name theirs."""
 
 
 def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
@@ -73,8 +75,8 @@ def write_exr(
 def read_exr(path: str | os.PathLike[str], most_values: int = MAX_VALUES) -> tuple[dict[str, Array], dict[str, str]]:
     """Read the layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, its alpha ``A``.
 
-    A FileNotFoundError if there is no such file; a ValueError if it cannot be read as EXR, or if its header says that
-    it has more than `most_values` values in all of its channels.
+    A FileNotFoundError if there is no such file; a ValueError if it cannot be read as EXR, is deep, has several parts,
+    other chromaticities than `REC709`, or by its header more than `most_values` values in all of its channels.
     """
     import OpenEXR
 
@@ -83,21 +85,27 @@ def read_exr(path: str | os.PathLike[str], most_values: int = MAX_VALUES) -> tup
         raise FileNotFoundError(f"no such image: {path}")
     try:
         with OpenEXR.File(os.fspath(path), header_only=True) as file:
-            if len(file.parts) != 1:
-                raise ValueError(f"an image must have one part; it has {len(file.parts)}")
-            (low, high), channels = file.header()["dataWindow"], len(file.header()["channels"])
+            header = dict(file.header())  # which closing empties
+            if len(file.parts) != 1 or header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
+                kind = f"has {len(file.parts)} parts" if len(file.parts) != 1 else "is deep"
+                raise ValueError(f"an image must have one part of flat pixels; it {kind}; export it as one flat image")
+            (low, high), channels = header["dataWindow"], len(header["channels"])
         width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
         check_size(width, height, channels, most_values)
-        with OpenEXR.File(os.fspath(path)) as file:
+        with OpenEXR.File(os.fspath(path), separate_channels=True) as file:  # those of a layer may differ in type
             if not file.parts:
                 raise ValueError("its pixels are damaged or cut off")
-            attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
             layers = {name: np.asarray(channel.pixels, np.float32) for name, channel in file.channels().items()}
+        for red in [name for name in layers if name.rpartition(".")[2] == "R"]:
+            names = [red[:-1] + colour for colour in "RGB"]
+            if set(names) <= set(layers):
+                layers[red[:-2] or "RGB"] = np.stack([layers.pop(name) for name in names], axis=-1)
+        primaries = header.get("chromaticities", REC709)
+        if "RGB" in layers and not np.allclose(primaries, REC709, atol=1e-3):
+            raise ValueError(f"its chromaticities must be those of Rec. 709 (sRGB); convert it; got {primaries}")
     except Exception as error:
         raise ValueError(f"cannot read {path} as EXR: {error}") from error
-    if "RGBA" in layers:
-        layers["RGB"], layers["A"] = np.split(layers.pop("RGBA"), [3], axis=2)
-    return layers, attributes
+    return layers, {name: value for name, value in header.items() if isinstance(value, str)}
 
 
 def check_size(width: int, height: int, channels: int = 1, most_values: int = MAX_VALUES) -> None:

@@ -26,6 +26,49 @@ def test_round_trip_keeps_every_layer_and_attribute(tmp_path):
     assert json.loads(attributes["dmis.provenance"]) == {"spp": 4}
 
 
+GREY = np.ones((4, 6), np.float32)
+HALF = np.full((4, 6), 0.5, np.float16)
+ACES_CG = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+DEEP = np.array([[np.arange(3, dtype=np.float32)] * 2, [GREY[0]] * 2], object)
+
+
+def write_foreign(path, channels, kind="scanlineimage", **header):
+    """Write an EXR file of parts of these channels."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": getattr(OpenEXR, kind)} | header
+    parts = [OpenEXR.Part(dict(header), dict(part), name=f"part {k}") for k, part in enumerate(channels)]
+    with OpenEXR.File(parts) as file:
+        file.write(str(path))
+
+
+def test_exr_channels_of_two_types(tmp_path):
+    """Those of a layer may be half and float; chromaticities of Rec. 709 change nothing."""
+    for channels in ({"R": HALF, "G": GREY, "B": HALF}, {"RGB": np.stack([HALF] * 3, axis=2), "A": GREY}):
+        write_foreign(tmp_path / "a.exr", [channels], chromaticities=(0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329))
+        expected = np.stack([HALF, channels.get("G", HALF), HALF], axis=2)
+        np.testing.assert_array_equal(dmis.load_image(tmp_path / "a.exr"), expected)
+
+
+RGB = np.ones((4, 6, 3), np.float32)
+
+
+@pytest.mark.parametrize(
+    "channels, header, message",
+    [
+        ([{"Y": GREY, "RY": GREY, "BY": GREY}], {}, "without the chroma RY, BY; it has .*; convert it to RGB"),
+        ([{"RGB": RGB}], {"chromaticities": ACES_CG}, r"must be those of Rec\. 709 \(sRGB\); convert it; got \(0.71"),
+        ([{"RGB": RGB}], {"chromaticities": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)}, "must be those of Rec"),
+        ([{"Z": DEEP}], {"kind": "deepscanline"}, "must have one part of flat pixels; it is deep"),
+        ([{"Y": GREY}, {"Y": GREY}], {}, "must have one part of flat pixels; it has 2 parts"),
+    ],
+)
+def test_exr_files_of_other_kinds_are_refused(tmp_path, channels, header, message):
+    write_foreign(tmp_path / "a.exr", channels, **header)
+    with pytest.raises(ValueError, match=rf"a\.exr.* {message}"):
+        dmis.load_image(tmp_path / "a.exr")
+
+
 @pytest.mark.parametrize("change", [np.flipud, np.fliplr, lambda a: a[::2], lambda a: np.asfortranarray(a)])
 def test_strided_arrays_are_written_as_they_look(tmp_path, change):
     """The EXR library writes memory order without a word; the writer here must not."""
