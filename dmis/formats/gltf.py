@@ -25,6 +25,11 @@ from dmis.scene.camera import Camera
 
 HEIGHT = 480
 """Pixels of the height of an image by a camera of the file."""
+_LOOKS = {
+    "EXT_mesh_gpu_instancing": " (one copy of each mesh is shown)",
+    "KHR_materials_unlit": " (its surfaces are matte and lit)",
+}
+"""What looks different without an extension that is not read."""
 
 
 def read_gltf(gltf: Gltf, model: Model) -> None:
@@ -57,7 +62,7 @@ def read_gltf(gltf: Gltf, model: Model) -> None:
             lights = gltf.json["extensions"]["KHR_lights_punctual"]["lights"]
             model.lights.append(_light(lights[of_node["light"]], matrix))
     gltf.unread["animation"] += len(gltf.json.get("animations", []))
-    gltf.unread.update(f"extension {name}" for name in gltf.unread_extensions("extensionsUsed"))
+    gltf.unread.update(f"extension {name}{_LOOKS.get(name, '')}" for name in gltf.unread_extensions("extensionsUsed"))
     model.unread.update(gltf.unread if gltf.bare else materials.unread + gltf.unread)
 
 
@@ -99,7 +104,7 @@ def _light(light: Mapping[str, Any], matrix: Floats) -> Light:
         return DistantLight(tuple(axis), strength)
     if light["type"] == "point":
         return PointLight(place, strength)
-    cone = light["spot"]
+    cone = light.get("spot", {})
     inner, outer = cone.get("innerConeAngle", 0.0), cone.get("outerConeAngle", math.pi / 4)
     return SpotLight(place, tuple(-axis), strength, math.degrees(outer), math.degrees(inner))
 

@@ -106,6 +106,8 @@ class Materials:
         if (image := self.texture(number, "normalTexture", True)) is not None:
             relief = NormalMap(image, entry["normalTexture"].get("scale", 1.0))
         coat = extensions.get("KHR_materials_specular", {})
+        if "KHR_materials_unlit" in extensions:  # matte is as near as light allows
+            metallic, roughness, coat = 0.0, 1.0, {"specularFactor": 0.0}
         self.leave_out("colour of a coat", entry, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
         self.leave_out("texture of a coat", entry, bool({"specularTexture", "specularColorTexture"} & set(coat)))
         unnamed = metallic_roughness(

@@ -1,6 +1,7 @@
 """glTF files: each feature and each habit of exporters against the same scene made by hand."""
 
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -441,16 +442,17 @@ def test_lights(tmp_path):
     turn = {"rotation": [-np.sqrt(0.5), 0, 0, np.sqrt(0.5)]}  # -z becomes -y
     kinds = [{"type": "directional", "intensity": 3}, {"type": "point", "color": [1, 0.5, 0], "intensity": 4}]
     kinds.append({"type": "spot", "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}})
-    kinds.append({"type": "spot", "spot": {}})
+    kinds += [{"type": "spot", "spot": {}}, {"type": "spot"}]
     file.json["extensions"] = {"KHR_lights_punctual": {"lights": kinds}}
-    for k in range(4):
+    for k in range(5):
         node = {"extensions": {"KHR_lights_punctual": {"light": k}}, "translation": [0, 2, k], **turn}
         file.json["nodes"].append(node)
-    sun, point, spot, wide = file.load(tmp_path).lights
+    sun, point, spot, wide, default = file.load(tmp_path).lights
     np.testing.assert_allclose(sun.direction, [0, 1, 0], atol=1e-6)
     assert sun.radiance == (3, 3, 3) and point.intensity == (4, 2, 0) and point.position == pytest.approx((0, 2, 1))
     np.testing.assert_allclose(spot.direction, [0, -1, 0], atol=1e-6)
     assert (spot.inner, spot.outer, wide.inner, wide.outer) == pytest.approx((*np.degrees([0.1, 0.2]), 0, 45))
+    assert (default.inner, default.outer) == pytest.approx((0, 45))
 
 
 def test_cameras(tmp_path):
@@ -511,6 +513,40 @@ def test_what_is_left_out_is_named(tmp_path):
         "extension KHR_materials_sheen",
     }
     assert len(caught) == 1 and caught[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    "tangent, named", [((1, 0, 0, 1), False), ((1, 0.3, 0, 1), False), ((1, 0, 0, -1), True), ((0, 1, 0, 1), True)]
+)
+def test_tangents_that_are_not_those_of_texture_coordinates(tmp_path, tangent, named):
+    file = File()
+    material = {"normalTexture": {"index": file.texture(PIXELS)}}
+    file.mesh(material, NORMAL=np.float32([[0, 0, 1]] * 4), TANGENT=np.float32([tangent] * 4))
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        file.load(tmp_path)
+    told = "left out: tangents (normal maps lean along texture coordinates)"
+    assert [told in str(one.message) for one in caught] == [True] * named
+
+
+@pytest.mark.parametrize(
+    "extension, seen",
+    [
+        ("KHR_materials_unlit", "its surfaces are matte and lit"),
+        ("EXT_mesh_gpu_instancing", "one copy of each mesh is"),
+    ],
+)
+def test_what_looks_different_is_named(tmp_path, extension, seen):
+    """An unlit surface is matte; a hidden node and its children are left out, as they should be."""
+    file = File().mesh({"extensions": {extension: {}}, "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.4, 0.6, 1]}})
+    file.json["nodes"].append({"children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}})
+    file.json["nodes"].append({"mesh": 0})
+    file.json["extensionsUsed"] = [extension, "KHR_node_visibility"]
+    with pytest.warns(SceneWarning, match=rf"left out: extension {extension} \({seen}"):
+        (part, _) = file.load(tmp_path).parts  # and the lamp
+    assert part.mesh.triangles == 2
+    if extension == "KHR_materials_unlit":
+        (lobe,) = part.material.lobes
+        assert isinstance(lobe, Lambert) and lobe.reflectance == pytest.approx((0.2, 0.4, 0.6))
 
 
 @pytest.mark.parametrize(
