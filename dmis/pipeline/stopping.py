@@ -20,6 +20,7 @@ tests/pipeline/test_stopping.py.
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Generator
 from dataclasses import replace
 from math import inf, isnan, nan, sqrt
@@ -33,6 +34,7 @@ from dmis.fit.round import Pilot, Round
 from dmis.fit.rule import next_round
 from dmis.pipeline.job import Job
 from dmis.samplers.streams import is_sequence
+from dmis.scene.scene import SceneWarning
 
 EXPONENT = 1.3
 """a of low-discrepancy points, for the relative error of whole images: 1.2 to 1.6 on five scenes."""
@@ -66,6 +68,9 @@ class Stop:
             self.final, film = requested, None  # its statistics are large
             film = yield requested
             count, self._seconds = count + 1, time.perf_counter() - began
+        if self._limit < self._seconds:
+            text = f"the first rounds alone took {self._seconds:.2g} s, more than seconds={self._limit:g}"
+            warnings.warn(SceneWarning(f"{text}; write a smaller spp or resolution"), stacklevel=5)
         if film is None:
             return
         final, n = self.final, film.moments.n

@@ -1,4 +1,4 @@
-"""What float32 does not tell apart in a scene: lamps in one place or on a surface, and what is near a small body."""
+"""Doubts about a scene: what float32 does not tell apart, such as lamps in one place, and lights behind glass alone."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dmis.brdf.materials import Material
 from dmis.geometry.refinement import diagonals
 from dmis.intersect import RayCaster
 from dmis.light.coincident import find_overlaps, lamp_triangles
+from dmis.samplers.warp import square_to_sphere
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.plan import Plan
@@ -52,6 +53,33 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
     if near:
         more = f" (and {len(near) - 1} more such pairs)" if len(near) > 1 else ""
         yield f"{near[0]}{more}: rays begin above the light, which gives no light there; move it farther away"
+
+
+def point_light_doubts(plan: Plan, caster: RayCaster) -> Iterator[str]:
+    """Yield a message about each point of light of which all light meets smooth glass or mirrors first.
+
+    No shadow ray passes these, and no path that comes through them meets a point: the light is lost. It is sampled at
+    512 places around, so that of a spot only those count where it shines, and of a narrow one none.
+
+    Parameters
+    ----------
+    plan, caster
+        Those of the scene.
+    """
+    smooth = [bool(part.material.lobes) and all(lobe.delta for lobe in part.material.lobes) for part in plan.parts]
+    of_face = np.repeat([*smooth, False], [*(part.mesh.triangles for part in plan.parts), 1])  # the last: of a miss
+    u = (np.indices((16, 32), np.float32).reshape(2, -1) + np.float32(0.5)) / np.array([[16], [32]], np.float32)
+    directions = square_to_sphere(u)
+    for light in plan.deltas if any(smooth) else ():
+        for name in light.positions or ():
+            place = np.asarray(getattr(light, name), np.float32)[:, None]
+            lit = light.sample(place + directions, u).radiance.any(axis=0)
+            prim = caster.closest(np.broadcast_to(place, directions.shape), directions).prim
+            if lit.any() and of_face[prim[lit]].all():
+                yield (
+                    f"only smooth glass and mirrors are around a {type(light).__name__} at {place[:, 0].tolist()}: it "
+                    "lights nothing, because no shadow ray passes them; write a small SphereLight, with paths"
+                )
 
 
 def camera_doubts(camera: Camera, caster: RayCaster, reach: float) -> Iterator[str]:

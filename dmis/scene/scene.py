@@ -22,7 +22,7 @@ from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
-from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts
+from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts, point_light_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.masks import make_caster
 from dmis.scene.plan import Plan, textures
@@ -230,6 +230,7 @@ class Scene:
             *lamp_doubts(self.parts, self.plan, self.intersector, 2 * least),
             *offset_doubts(self.parts, self.small_bodies, self.epsilon),
             *camera_doubts(self.camera, self.intersector, least),
+            *point_light_doubts(self.plan, self.intersector),
         )
 
     def prepare(self) -> None:

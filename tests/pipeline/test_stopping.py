@@ -1,5 +1,6 @@
 """Renders that stop at a noise or a time: the points of one long render, the achieved error, the bias of stopping."""
 
+import warnings
 from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
@@ -142,7 +143,10 @@ def test_the_clock_is_read_between_rounds(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(stopping.time, "perf_counter", lambda: clock)
     for seconds, spp in ((0.5, 32), (1.9, 32), (2.0, 64), (15.9, 256), (16.0, 512)):
         clock = 0.0
-        result = dmis.render(glossy((4, 3)), "balance", seconds=seconds, parallel=1)
+        with warnings.catch_warnings(record=True, action="always") as caught:
+            result = dmis.render(glossy((4, 3)), "balance", seconds=seconds, parallel=1)
+        told = "the first rounds alone took 1 s, more than seconds=0.5; write a smaller spp or resolution"
+        assert [(str(one.message), one.filename) for one in caught] == [(told, __file__)] * (seconds < 1)
         assert result.provenance["spp"] == spp and clock == spp / 32
 
 

@@ -1,5 +1,6 @@
 """Cameras: field of view, corners, handedness, lenses and other projections, bad input."""
 
+import re
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -188,6 +189,20 @@ def test_a_camera_on_a_surface_is_named() -> None:
             warnings.simplefilter("always")
             dmis.Scene(camera, (floor,), (lamp,)).prepare()
         assert any("camera is on a surface" in str(w.message) for w in caught) == warned
+
+
+@pytest.mark.parametrize("material, warned", [(dmis.glass(), True), (dmis.mirror(), True), (dmis.matte(0.5), False)])
+@pytest.mark.parametrize("place", [(0.0, 0.0, 1.0), (0.0, 0.0, 1.6)])
+def test_points_of_light_inside_of_glass_are_named(material: dmis.Material, warned: bool, place: Any) -> None:
+    """And a spot that shines into it; not a point beside it, nor what is inside of a matte ball."""
+    ball = dmis.Part(dmis.SphereLight((0, 0, 1), 0.5, (1, 1, 1)).mesh(), material)
+    floor = dmis.Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), dmis.matte(0.5))
+    lights = dmis.PointLight(place, (1, 1, 1)), dmis.SpotLight(place, (0, 0, -1), (1, 1, 1))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        dmis.Scene(PLACE, (floor, ball), lights).prepare()
+    named = [re.search(r"only smooth glass and mirrors are around a (\w+)", str(w.message)) for w in caught]
+    assert [match[1] for match in named if match] == ["PointLight", "SpotLight"][place[2] > 1 :] * warned
 
 
 # A lens, and other projections ------------------------------------------------------------------------------------
