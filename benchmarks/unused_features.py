@@ -21,7 +21,7 @@ from dmis.brdf.models import ggx
 from dmis.brdf.texture import Image
 from dmis.estimator.allocation import shares_of
 from dmis.fit.round import Round
-from dmis.fit.rule import filled_settings
+from dmis.fit.rule import merge_settings
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.light.area import QuadLight
@@ -88,7 +88,7 @@ FEATURES: dict[str, Callable[[Scene], Scene]] = {
 
 def tile_of(scene: Scene, spp: int) -> Tile:
     """The whole image as one tile."""
-    settings = filled_settings(dmis.Settings(), scene)
+    settings = merge_settings(dmis.Settings(), scene)[0]
     width, height = scene.camera.resolution
     return Tile(1, 0, 0, (0, height), (0, width), Round(spp, shares_of(0.5)[:, None], settings))
 

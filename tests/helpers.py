@@ -31,7 +31,7 @@ from dmis.estimator.technique import TECHNIQUES
 from dmis.experiment.runs import Run
 from dmis.fit.registry import RULES
 from dmis.fit.round import Round
-from dmis.fit.rule import filled_settings
+from dmis.fit.rule import merge_settings
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.intersect import Hits
 from dmis.pipeline.result import Result
@@ -163,7 +163,7 @@ def pixel_shares(w: Array | float) -> Array:
 def image_tile(scene: Scene, seed: int, round_: Round, pass_: int = 0) -> Tile:
     """Return the tile of a round that is the whole image, with settings for the scene in place of ``auto``."""
     width, height = scene.camera.resolution
-    settings = filled_settings(round_.settings, scene)
+    settings = merge_settings(round_.settings, scene)[0]
     return Tile(seed, pass_, 0, (0, height), (0, width), replace(round_, settings=settings))
 
 

@@ -254,6 +254,8 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "scene": _option("scene whose plan is printed (default: versions only)", nargs="?"),
         "--rules": _flag("list the rules, with the options of each"),
         "--scenes": _flag("list the scenes that come with dmis"),
+        "--rule": _option("rule for which all settings are printed, and who decides each: caller, rule, preset, ..."),
+        **settings_options(),
     }),
     "check": ("check lobes, lights, techniques, rules and samplers of your own", {
         "file": _option("Python file that defines lobes, lights, techniques, rules or samplers", metavar="FILE.py"),

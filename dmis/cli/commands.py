@@ -36,6 +36,7 @@ from dmis.experiment.table import Comparison
 from dmis.fit.registry import RULES, make_rule
 from dmis.formats.load_scene import SHIPPED
 from dmis.image import read_exr
+from dmis.pipeline.job import resolve
 from dmis.scene.scene import Scene
 
 
@@ -116,19 +117,17 @@ def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> C
     rules = parse_rules(options.rules)
     spp = options.spp or [spp_of(options, scene)]
     settings = settings_of(options, scene)
-    expected = {name: settings[name] for name in ("integrator", "max_depth") if name in settings}  # of the image
-    curves = {name: value for name, value in settings.items() if name != "sampler"}
     if options.verbose:
         say(describe(scene))
     with progress_bar(options.quiet) as progress:
         of_renders = {"parallel": options.threads, "progress": progress}
         if options.reference is not None:
-            reference = load_reference(options.reference, scene, make_settings(**expected))
+            reference = load_reference(options.reference, scene, make_settings(**settings))
         else:
-            reference = make_reference(scene, options.reference_spp, **of_renders, **expected)
+            reference = make_reference(scene, options.reference_spp, **of_renders, **settings)
         oracle = None
         if options.oracle_spp is not None:
-            oracle = make_oracle(scene, options.oracle_spp, **of_renders, **curves)
+            oracle = make_oracle(scene, options.oracle_spp, **of_renders, **settings)
         comparison = compare(
             scene, rules, spp, range(options.seed, options.seed + options.seeds), reference, output,
             oracle=oracle, progress=_print_run if options.verbose else progress, crop=options.crop,
@@ -226,6 +225,10 @@ def _info(options: argparse.Namespace) -> int:
         scene, _ = load(options).in_float32
         scene.prepare()
         say(f"\n{describe(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
+        if options.rule or given_settings(options):
+            job = resolve(scene, options.rule, None, 0, make_settings(**given_settings(options)))
+            decided = (f"  {name}: {value!r}, {job.sources[name]}" for name, value in vars(job.settings).items())
+            say(f"settings with rule {job.rule_text}, and who decides each:", *decided, *job.notes.values())
     return 0
 
 

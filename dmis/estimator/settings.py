@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
@@ -18,10 +18,50 @@ from dmis.light.light_sample import check_compensation
 from dmis.light.selection import SELECTIONS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene, SceneWarning
-from dmis.scene.suggestions import DEFAULT_INTEGRATOR, MAX_DEPTH
+from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 
 MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
+DEFAULTS: Mapping[str, Any] = {
+    "shading_samples": 2,
+    "techniques": ("light", "brdf"),
+    "combiner": "balance",
+    "allocation": "systematic",
+    "lights": "auto",
+    "integrator": DEFAULT_INTEGRATOR,
+    "max_depth": DEFAULT_DEPTH,
+    "sampler": "sobol",
+    "reuse_pilot": False,
+    "compensation": 0.95,
+    "preset": None,
+}
+"""Values of settings that nobody decides; `dmis.fit.rule.merge_settings` has the exceptions of some rules.
+
+Compensation: on tt and tt-overcast, direct and by paths, `balance` has .96, .99, .91 and .99 of its relMSE with .9,
+`auto` 1.00, .95, .98 and .97; .99 is 5 to 15 % worse than .9 on tt-overcast. ``python benchmarks/vary.py compensation
+0.9 0.95 0.99 --scenes tt tt-overcast`` measures it.
+"""
+
+
+class NotGiven:
+    """Sentinel in a field of `Settings` that was not given: it reads as the default, and equals it."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return not_given, (type(self).__mro__[2](self),)
+
+
+_KINDS = {kind: type(kind.__name__, (NotGiven, kind), {}) for kind in (int, float, str, tuple)}
+
+
+def not_given(value: Any) -> Any:
+    """Return a `NotGiven` that reads as `value`; None, which stands for itself, stays."""
+    return _KINDS.get(type(value), lambda same: same)(value)
+
+
+def given_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of settings that are given: all but `NotGiven`, ``auto``, and None where it is the default."""
+    given = {name: value for name, value in values.items() if not isinstance(value, NotGiven) and value != "auto"}
+    return {name: value for name, value in given.items() if value is not getattr(Settings, name)}
 
 
 def _technique_names(name: str, value: Any) -> tuple[str, ...]:
@@ -101,22 +141,28 @@ class Settings:
     compensation
         Share of the light samples of a sky, in [0, 1), that are drawn in proportion to what exceeds its mean radiance
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
-        techniques and covers the rest. None: `dmis.fit.rule.COMPENSATION`, or 0 with a rule
-        that samples lights or the BRDF alone.
+        techniques and covers the rest. None: that of `DEFAULTS`, or 0 with a rule that samples lights or the BRDF
+        alone.
     preset
-        Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
-        `make_settings` makes settings of a preset.
+        Name of the preset whose values fields have that are not given, see `dmis.estimator.presets.PRESETS`; None:
+        there is none.
 
     Notes
     -----
-    A value that equals its default counts as not given. Then a rule's own value takes its place, and else ``auto`` and
-    None are replaced as `dmis.fit.rule.DEFAULTS` says.
+    A field that is not given, or is ``auto``, reads as the preset's value or its default, and leaves the decision to
+    rule, preset and scene (`dmis.fit.rule.merge_settings`). A value that is given stays, also one that equals the
+    default: a rule that needs another is refused. Equality of settings compares values alone.
     """
 
-    shading_samples: int = _option(2, "light and BRDF samples together per camera sample (default 2)", int, "S")
-    techniques: tuple[str, ...] = ("light", "brdf")
-    combiner: str = "balance"
-    allocation: str = "systematic"
+    shading_samples: int = _option(
+        not_given(DEFAULTS["shading_samples"]),
+        "light plus BRDF samples per camera sample (default 2)",
+        int,
+        "S",
+    )
+    techniques: tuple[str, ...] = not_given(DEFAULTS["techniques"])
+    combiner: str = not_given(DEFAULTS["combiner"])
+    allocation: str = not_given(DEFAULTS["allocation"])
     lights: str = _option(
         "auto",
         "lights sampled at a point: all; one at random; pbrt, all in direct lighting and one on paths; tree, power or "
@@ -145,9 +191,14 @@ class Settings:
     preset: str | None = _option(None, "fixed settings, to reproduce the thesis (default none)", choices=tuple(PRESETS))
 
     def __post_init__(self) -> None:
+        preset = PRESETS.get(_CHECKS["preset"]("preset", self.preset))
+        values = {} if preset is None else preset.values
+        given = self.explicit
         for option in fields(self):
-            check = _CHECKS.get(option.name) or partial(one_of, allowed=option.metadata["choices"])
-            object.__setattr__(self, option.name, check(option.name, getattr(self, option.name)))
+            name = option.name
+            check = _CHECKS.get(name) or partial(one_of, allowed=option.metadata["choices"])
+            value = check(name, given[name]) if name in given else not_given(values.get(name, option.default))
+            object.__setattr__(self, name, value)
         check_mixture(self.combiner, tuple(map(technique_by_name, self.techniques)))
         if combiner_by_name(self.combiner).fits_pixels and self.lights in ("one", "pbrt"):
             raise ValueError(
@@ -158,15 +209,18 @@ class Settings:
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
             )
-        if self.preset is not None:
-            PRESETS[self.preset].check(self)
+        if preset is not None:
+            preset.check(self)
+
+    @property
+    def explicit(self) -> dict[str, Any]:
+        """The fields that were given, by name."""
+        return given_values(vars(self))
 
     @property
     def sky_compensation(self) -> float:
         """`compensation` where BRDF sampling covers what it leaves out, else 0."""
-        if self.compensation is None or "brdf" not in self.techniques:
-            return 0.0
-        return self.compensation
+        return (self.compensation or 0.0) if "brdf" in self.techniques else 0.0
 
     @property
     def weigh(self) -> str:
@@ -196,7 +250,7 @@ class Settings:
         if integrator == "auto":
             integrator = suggested.integrator or DEFAULT_INTEGRATOR
         direct = integrator == "direct"
-        samples = (suggested.shading_samples if direct else None) or 2
+        samples = (suggested.shading_samples if direct else None) or DEFAULTS["shading_samples"]
         most = MAX_SHADING_SAMPLES
         unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {most})"] if samples > most else [])]
         if unmet:
@@ -234,7 +288,7 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     Parameters
     ----------
     settings
-        Base of the options; None: the values of the option ``preset``, or else the defaults of `Settings`.
+        Base of the options; None: nothing is given.
     options
         Fields of `Settings` by name. An option takes the place of the field, whatever `settings` has there.
 
@@ -251,12 +305,4 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
         written = [f"{KEYWORDS[name]} for {name}" for name in unknown if name in KEYWORDS]
         hint = f". Write {', '.join(written)}" if written else did_you_mean(unknown[-1], names)
         raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
-    preset = options.get("preset")
-    if preset is not None and settings is not None and settings.preset != preset:
-        raise ValueError(
-            f"a preset takes the place of settings; got preset={preset!r} and {settings}. Give fields of Settings by "
-            f"name: preset={preset!r}, shading_samples={settings.shading_samples}"
-        )
-    if isinstance(preset, str) and preset in PRESETS and settings is None:
-        settings = Settings(**PRESETS[preset].values)
     return replace(settings or Settings(), **options)

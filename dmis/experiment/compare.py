@@ -151,7 +151,7 @@ def _check_arguments(
         raise ValueError(f"oracle must cover {width}x{height} pixels; got {oracle.variance.shape[1:]} patches")
     rules = list(dict.fromkeys(("balance", *rules)))
     for rule in rules:
-        merge_settings(make_rule(rule), rule, settings)
+        merge_settings(settings, scene, make_rule(rule), rule)
     return rules, [whole("spp", n, 1) for n in spp], seed_list(seeds)
 
 

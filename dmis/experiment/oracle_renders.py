@@ -23,13 +23,13 @@ from dmis.base.patches import patch_mean
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.cost import RAY, UNTRACED, camera_sample_cost
+from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Record, Statistic
-from dmis.estimator.settings import Settings, make_settings
+from dmis.estimator.settings import DEFAULTS, Settings, make_settings
 from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import KEY, REFERENCE_SEED, cache_path, from_cache, render_halves
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
-from dmis.fit.rule import COMPENSATION
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint, sampling_hashes
@@ -141,8 +141,9 @@ class _TiltMaps(_CurveMaps):
 def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
     """Return the settings of an oracle's renders: sky compensation as with rules that learn, if the scene has a sky."""
     settings = settings or Settings()
-    share = COMPENSATION if settings.compensation is None else settings.compensation
-    return replace(settings, preset=None, compensation=share if scene.plan.environment else None)
+    share = DEFAULTS["compensation"] if settings.compensation is None else settings.compensation
+    more = {"preset": None, "compensation": share if scene.plan.environment else None}
+    return Settings(**{**(PRESETS[settings.preset].values if settings.preset else {}), **settings.explicit, **more})
 
 
 def settings_key(settings: Settings) -> dict[str, Any]:

@@ -22,7 +22,7 @@ import numpy as np
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, make_settings
-from dmis.fit.rule import Rule, filled_settings
+from dmis.fit.rule import Rule, merge_settings
 from dmis.image import check_image, read_exr, write_exr
 from dmis.pipeline.checkpoint import UnusableCheckpoint, remove_checkpoint
 from dmis.pipeline.executor import Parallel
@@ -156,7 +156,7 @@ def _read_reference(path: Path) -> tuple[str | None, Reference]:
 
 def expected_image_key(scene: Scene, settings: Settings) -> dict[str, Any]:
     """Return what the expected image of a scene depends on, as a part of keys."""
-    resolved = filled_settings(settings, scene)
+    resolved = merge_settings(settings, scene)[0]
     about = {"scene": fingerprint(scene, expected_image=True), "resolution": list(scene.camera.resolution)}
     return {**about, "integrator": resolved.integrator, "max_depth": resolved.max_depth}
 

@@ -34,7 +34,7 @@ from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area, load_reference
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
 from dmis.fit.registry import make_rule
-from dmis.fit.rule import filled_settings
+from dmis.fit.rule import merge_settings
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
@@ -60,7 +60,7 @@ def conditions(
     crop: Sequence[int] | None = None,
 ) -> dict[str, Any]:
     """Return what all rows of a table must share: scene, reference, crop, settings, executor, and the code of dmis."""
-    settings = filled_settings(settings or Settings(), scene)
+    settings = merge_settings(settings or Settings(), scene)[0]
     crop_area(crop, scene.camera.resolution)  # a bad one is refused before anything is written
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {

@@ -9,7 +9,7 @@ import numpy as np
 
 from dmis.base.validate import number
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.settings import Settings
+from dmis.estimator.settings import DEFAULTS
 from dmis.fit.round import Fit, Pilot, Weight
 from dmis.fit.rule import OptionRule
 
@@ -39,7 +39,7 @@ class Fixed(OptionRule):
                     f"{' + '.join(f'{share:g}' for share in self.w)} = {sum(self.w):g}"
                 )
             return
-        combiner = self.combiner or Settings.combiner
+        combiner = self.combiner or DEFAULTS["combiner"]
         share_range = combiner_by_name(combiner).share_range
         number("w", self.w, *share_range, f"the share of light samples, with combiner {combiner}")
 

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dmis.base.validate import number, whole
+from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
-from dmis.estimator.settings import Settings, make_settings
+from dmis.estimator.settings import DEFAULTS, Settings, given_values
 from dmis.estimator.technique import technique_by_name
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh, pilot_settings
 from dmis.scene.scene import Scene
-from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
+from dmis.scene.suggestions import Suggestions
 
 
 class Rule:
@@ -179,77 +180,42 @@ def check_form(rule: Rule) -> None:
 # Settings of a rule and its caller ------------------------------------------------------------------------------------
 
 
-COMPENSATION = 0.95
-"""Compensation of skies, see `Settings`, if none is given.
-
-On tt and tt-overcast, direct and by paths, `balance` has .96, .99, .91 and .99 of its relMSE with .9, `auto` 1.00, .95,
-.98 and .97; .99 is 5 to 15 % worse than .9 on tt-overcast. ``python benchmarks/vary.py compensation 0.9 0.95 0.99
---scenes tt tt-overcast`` measures it.
-"""
-
-
-def _max_depth(settings: Settings, scene: Scene, rule: Rule | None) -> int:
-    """Return the depth that the scene names with the integrator of the settings, else the default one."""
-    suggested = scene.suggested
-    if suggested.max_depth is None or suggested.integrator not in (None, settings.integrator):
-        return DEFAULT_DEPTH
-    return suggested.max_depth
-
-
 def _samples_alone(rule: Rule) -> bool:
     """Return whether a technique is alone, in a pilot of the rule or at its fixed share."""
     return any(share in (0, 1) for weight in (*rule.pilot, getattr(rule, "w", 0.5)) for share in np.ravel(weight))
 
 
-def _reuse_pilot(settings: Settings, scene: Scene, rule: Rule | None) -> bool | None:
-    """Return whether the pilot is as independent as the final pass, and no technique has less than a share of it."""
-    if rule is None:
-        return None
-    # a pilot of one technique alone may have many times the error of a mixture
-    return not _samples_alone(rule) and settings.sampler == "independent"
+def merge_settings(
+    settings: Settings, scene: Scene | None = None, rule: Rule | None = None, text: str = "", equal: bool = False
+) -> tuple[Settings, dict[str, str]]:
+    """Return the settings of a render, with a value in place of each that is not given, and who decided each.
 
+    The last of these that names a value decides: ``default``, ``scene`` (its file), ``preset``, ``rule`` and
+    ``caller``. `text` is the rule's in messages; `equal` says that equal shares are rendered in place of its own.
+    Without a rule ``reuse_pilot`` and ``compensation``, whose defaults depend on it, may stay None, and
+    ``lights="auto"`` always, which the scene's plan decides (`dmis.scene.plan.Plan.selection`).
 
-def _compensation(settings: Settings, scene: Scene, rule: Rule | None) -> float | None:
-    """Return the compensation of skies; 0 where light samples are alone, and nothing covers what they leave out."""
-    if rule is None:
-        return None
-    return 0.0 if _samples_alone(rule) else COMPENSATION
-
-
-DEFAULTS: Mapping[str, Callable[[Settings, Scene, Rule | None], Any]] = {
-    "integrator": lambda settings, scene, rule: scene.suggested.integrator or DEFAULT_INTEGRATOR,
-    "max_depth": _max_depth,
-    "sampler": lambda settings, scene, rule: "sobol",
-    "reuse_pilot": _reuse_pilot,
-    "compensation": _compensation,
-}
-"""Values of settings that neither caller nor rule decide, in an order in which each may depend on those before."""
-
-
-def filled_settings(settings: Settings, scene: Scene, rule: Rule | None = None) -> Settings:
-    """Return settings with a value in place of each ``auto`` or None; without a rule, but for those that depend on it.
-
-    ``lights="auto"`` stays, which the scene's plan decides (`dmis.scene.plan.Plan.selection`).
+    A ValueError if rule and caller name different values, or the preset does not allow the rule's.
     """
-    for name, default in DEFAULTS.items():
-        if getattr(settings, name) == getattr(Settings, name):
-            settings = replace(settings, **{name: default(settings, scene, rule)})
-    return settings
-
-
-def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
-    """Return the caller's `settings` with those that the rule needs; `text` is the rule's in messages.
-
-    A value of the caller counts as given where it differs from its default, that of the preset if there is one. A
-    ValueError if the rule needs another value than is given.
-    """
-    defaults = make_settings(preset=settings.preset)
-    for name, value in rule.settings.items():
-        given = getattr(settings, name)
-        if given not in (getattr(defaults, name), value):
-            advice = _advice(rule, text, name, given)
-            raise ValueError(f"conflicting {name}: Settings has {given!r}, rule {text} uses {value!r}. {advice}")
-    return replace(settings, **rule.settings)
+    given, needs = settings.explicit, given_values({} if rule is None else rule.settings)
+    for name, value in needs.items():
+        if rule is not None and given.get(name, value) != value:
+            advice = _advice(rule, text, name, given[name])
+            raise ValueError(f"conflicting {name}: Settings has {given[name]!r}, rule {text} uses {value!r}. {advice}")
+    preset = given_values(PRESETS[settings.preset].values) if settings.preset else {}
+    named, suggested = {**preset, **needs, **given}, scene.suggested if scene else Suggestions()
+    of_file: dict[str, Any] = {"integrator": suggested.integrator} if suggested.integrator else {}
+    if suggested.max_depth and suggested.integrator in (None, named.get("integrator", suggested.integrator)):
+        of_file["max_depth"] = suggested.max_depth
+    defaults = {**DEFAULTS, "reuse_pilot": named.get("sampler") == "independent"}
+    if rule is None:
+        defaults |= {"reuse_pilot": None, "compensation": None}
+    elif not equal and _samples_alone(rule):
+        # a few samples of one technique may have many times the error of a mixture; nothing covers what they leave out
+        defaults |= {"reuse_pilot": False, "compensation": 0.0}
+    tiers = {"default": defaults, "scene": of_file, "preset": preset, "rule": needs, "caller": given}
+    sources = {name: source for source, values in tiers.items() for name in values}
+    return Settings(**{**defaults, **of_file, **named}), sources
 
 
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:

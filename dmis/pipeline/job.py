@@ -21,7 +21,7 @@ from dmis.fit.auto import Auto
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget
-from dmis.fit.rule import Rule, check_settings, filled_settings, merge_settings, rule_text
+from dmis.fit.rule import Rule, check_settings, merge_settings, rule_text
 from dmis.fit.sample_numbers import LEVELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
@@ -54,8 +54,9 @@ class Job:
         Camera samples per pixel, the pilot's included; and how many they may become by doubling.
     seed
         Seed.
-    settings
-        Estimator settings of the final pass.
+    settings, sources
+        Estimator settings of the final pass; and who decided each: ``caller``, ``rule``, ``preset``, ``scene``,
+        ``default``.
     notes
         Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``); a window's place.
     window
@@ -73,6 +74,7 @@ class Job:
     most: int
     seed: int
     settings: Settings
+    sources: Mapping[str, str] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
     window: Window | None = None
     layers: Callable[[], Mapping[str, Array]] = dict
@@ -147,22 +149,22 @@ def resolve(
     # name the rule
     rule, objection = (rule, "") if rule is not None else default_rule(spp, settings)
     named, text = make_rule(rule), rule_text(rule)
-    # the settings that it needs; equal shares, if there is a reason
-    merged = merge_settings(named, text, settings)
     while spp < most and spp < max(named.least_spp, named.pilot_samples(spp) + 1):
         spp = min(2 * spp, most)
-    notes = _reasons(objection or named.fallback(spp), named, float32_scene)
-    used = _equal_shares(merged) if notes else named
-    # fill what is open, of the settings and then of the rule
-    filled = filled_settings(merged, float32_scene, used)
-    used = used.filled(filled)
+    objection = objection or named.fallback(spp)
+    notes = {"fallback": objection} if objection else {}
+    if named.shares_only and not objection and not float32_scene.plan.mixable:
+        notes["nothing_to_mix"] = NOTHING_TO_MIX
+    # fill what is open, of the settings and then of the rule; equal shares, if there is a reason
+    filled, sources = merge_settings(settings, float32_scene, named, text, equal=bool(notes))
+    used = (_equal_shares(filled) if notes else named).filled(filled)
     check_settings(used, text, filled)
     if spp <= (pilot_spp := used.pilot_samples(spp)):
         raise ValueError(
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, notes)
+    job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, sources, notes)
     if scene.camera.frame is None:
         return job
     window, place = window_of(scene.camera, used)
@@ -192,18 +194,13 @@ def _objection_to_auto(spp: int, settings: Settings) -> str:
     if spp > (most := LEVELS[-1] // 2):
         return f"more than {most:,} samples per pixel, rendered with w = 1/2"
     try:
-        merged = merge_settings(auto, "auto", settings)
+        merged, _ = merge_settings(settings, None, auto, "auto")
         check_settings(auto.filled(merged), "auto", merged)
     except ValueError as error:
+        text = f"rendered with equal shares, because auto, the rule where none is named, does not fit: {error}"
+        warn(SceneWarning(text), stacklevel=5)
         return str(error)
     return auto.fallback(spp)
-
-
-def _reasons(objection: str, rule: Rule, scene: Scene) -> dict[str, str]:
-    """Return why a render has equal shares in place of those of a rule, for `Job.notes`; empty if it has not."""
-    if objection:
-        return {"fallback": objection}
-    return {"nothing_to_mix": NOTHING_TO_MIX} if rule.shares_only and not scene.plan.mixable else {}
 
 
 def _equal_shares(settings: Settings) -> Fixed:

@@ -11,14 +11,15 @@ from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 
 import dmis
 from dmis.base.vectors import Array
+from dmis.estimator.settings import DEFAULTS
 from dmis.experiment.oracle_renders import oracle_key
 from dmis.fit.fixed import Fixed
-from dmis.fit.rule import COMPENSATION
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.testing.scenes import box_scene
 from dmis.testing.sphere import sphere_rule, uniforms
 
+COMPENSATION = DEFAULTS["compensation"]
 FAINT = 0.3
 SKY = np.ones((8, 16, 3), np.float32)
 SKY[:, :8] = FAINT

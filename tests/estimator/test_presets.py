@@ -14,7 +14,7 @@ import dmis
 from dmis.cli.commands import main
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.settings import make_settings
-from dmis.fit.rule import filled_settings
+from dmis.fit.rule import merge_settings
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -36,7 +36,7 @@ def test_preset_is_complete(name: str) -> None:
         ({"combiner": "maximum"}, "preset thesis has combiner 'balance' or 'power'; got 'maximum'"),
         ({"rule": "thesis:sampler=sobol"}, "preset thesis has sampler"),
         ({"rule": "uniform"}, "preset thesis has techniques"),
-        ({"settings": dmis.Settings(integrator="path")}, "a preset takes the place of settings; got preset='thesis'"),
+        ({"settings": dmis.Settings(lights="all")}, "preset thesis has lights 'pbrt'; got 'all'"),
         ({"preset": "best"}, "preset must be thesis or thesis-shares or nearest or None; got 'best'"),
         ({"preset": "nearest", "sampler": "sobol"}, "preset nearest has sampler 'independent' or 'lowdiscrepancy'"),
         ({"preset": ["thesis"]}, "preset must be thesis or thesis-shares or nearest or None"),
@@ -99,17 +99,6 @@ def test_nearest_is_thesis_with_other_points(box: dmis.Scene) -> None:
     assert not np.array_equal(dmis.render(box, "thesis:patch=8", 14, preset="thesis").image, default.image)
 
 
-def test_changed_defaults_are_no_request(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The value of the preset is no wish of the caller, whatever the default is: a rule may state another."""
-    monkeypatch.setattr(dmis.Settings.__init__, "__defaults__", (2, ("light", "brdf"), "power", *DEFAULTS[3:]))
-    assert dmis.Settings().combiner == "power"
-    assert make_settings(preset="thesis").combiner == "balance"
-    dmis.render(box, "balance:combiner=power", 4, preset="thesis")
-
-
-DEFAULTS = tuple(field.default for field in fields(dmis.Settings))
-
-
 @pytest.mark.parametrize(("integrator", "same_as"), [("direct", "all"), ("path", "one")])
 def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> None:
     """All lights in direct lighting, one at each vertex of a path."""
@@ -122,11 +111,11 @@ def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> No
 
 
 def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
-    settings = filled_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("path")))
+    settings = merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("path")))[0]
     assert settings.one_light and settings.preset == "thesis"
-    assert not filled_settings(
-        make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("direct"))
-    ).one_light
+    assert not merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("direct")))[
+        0
+    ].one_light
 
 
 def test_reference_of_a_preset_is_that_of_its_settings(box: dmis.Scene, tmp_path: Path) -> None:

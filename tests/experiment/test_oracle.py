@@ -6,10 +6,10 @@ import pytest
 import dmis
 from dmis.base.patches import patch_spread
 from dmis.base.vectors import Array
+from dmis.estimator.settings import DEFAULTS
 from dmis.experiment.metrics import ratio
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.oracle_renders import curve_settings, make_oracle
-from dmis.fit.rule import COMPENSATION
 from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID, HALF
 
@@ -113,7 +113,7 @@ def test_compensation_of_an_oracle() -> None:
     """Under a sky the default, unless one is given, and be it 0."""
     sky = box_scene(lights=(dmis.EnvironmentLight(np.ones((1, 1, 3))),))
     settings = [curve_settings(sky, dmis.Settings(compensation=given)) for given in (None, 0.0, 0.5)]
-    assert [found.compensation for found in settings] == [COMPENSATION, 0.0, 0.5]
+    assert [found.compensation for found in settings] == [DEFAULTS["compensation"], 0.0, 0.5]
 
 
 def test_oracle_of_the_tilt(box: dmis.Scene, tmp_path) -> None:

@@ -144,6 +144,9 @@ class Stubborn(dmis.Rule):
         (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave it out of the settings"),
         ("uniform", {"techniques": ("resampled", "brdf")}, 'Write rule="simplex:resampled=0.5,brdf=0.5" with your'),
         ("simplex", {"techniques": ("light", "uniform")}, 'Write rule="simplex:light=0.5,uniform=0.5" with your'),
+        ("pbrt", {"combiner": "balance"}, 'Write rule="pbrt:combiner=balance"'),
+        ("uniform", {"techniques": ("light", "brdf")}, 'Write rule="simplex:light=0.5,brdf=0.5" with your'),
+        ("one-sample", {"allocation": "systematic"}, 'Write rule="one-sample:allocation=systematic"'),
     ],
 )
 def test_a_conflict_names_rule_and_option(box: dmis.Scene, rule: Any, setting: dict[str, Any], advice: str) -> None:

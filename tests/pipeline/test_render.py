@@ -2,6 +2,7 @@
 
 import json
 import re
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from dmis.fit.thesis import Thesis
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.tile import MAX_SIDE, make_tiles
+from dmis.scene.scene import SceneWarning
 
 RULES = ["balance", "pbrt", "fixed:0.3", "one-sample", "thesis:patch=4", "thesis:reuse=yes"]
 
@@ -135,7 +137,8 @@ def test_the_default_rule_learns_where_that_pays(box):
     assert dmis.render(box, spp=15).provenance["rule"] == "balance"
     for s, rule in ((3, "balance"), (50, "auto"), (52, "balance")):
         settings = dmis.Settings(shading_samples=s)
-        assert dmis.render(box.crop((0, 8), (0, 8)), spp=16, settings=settings).provenance["rule"] == rule
+        with nullcontext() if rule == "auto" else pytest.warns(SceneWarning, match="must be"):
+            assert dmis.render(box.crop((0, 8), (0, 8)), spp=16, settings=settings).provenance["rule"] == rule
 
 
 def test_pilot_counts_in_the_budget(box):
@@ -450,8 +453,9 @@ def test_settings_are_options_that_a_rule_leaves_open(box, rule, option, setting
     ],
 )
 def test_settings_without_a_rule(box, settings, rule, reason):
-    """`auto` where it goes with the settings, else equal shares with these, and the provenance says why."""
-    result = dmis.render(box, None, 16, **settings)
+    """`auto` where it goes with the settings, else equal shares with these; warning and provenance say why."""
+    with pytest.warns(SceneWarning, match=reason) if reason else nullcontext():
+        result = dmis.render(box, None, 16, **settings)
     about = result.provenance
     assert re.fullmatch(rule, about["rule"]) and settings.items() <= about["settings"].items()
     if reason:

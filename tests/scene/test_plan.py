@@ -24,7 +24,7 @@ from dmis.estimator import path, trace
 from dmis.estimator.cost import UNTRACED
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
-from dmis.fit.rule import filled_settings
+from dmis.fit.rule import merge_settings
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.intersect import Hits
@@ -358,12 +358,12 @@ def test_default_integrator() -> None:
         (("path", None), ("auto", "auto"), ("path", 5)),
     ],
 )
-def test_filled_settings(named: Any, given: Any, resolved: Any) -> None:
+def test_merge_settings(named: Any, given: Any, resolved: Any) -> None:
     """The settings decide, else the scene, else the defaults."""
     scene = replace(box_scene(), suggested=Suggestions(*named))
-    settings = filled_settings(Settings(integrator=given[0], max_depth=given[1]), scene)
+    settings = merge_settings(Settings(integrator=given[0], max_depth=given[1]), scene)[0]
     assert (settings.integrator, settings.max_depth) == resolved
-    assert filled_settings(settings, scene) == settings and settings.sampler == "sobol"
+    assert merge_settings(settings, scene)[0] == settings and settings.sampler == "sobol"
 
 
 def test_bad_requests() -> None:

@@ -50,7 +50,7 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
             raise ValueError(f"a function must return one share or shares {shape}, alone or with samples; got {got}")
         rule = Given(*maps)
     rule = make_rule(rule)  # type: ignore[arg-type]  # refuses a class
-    settings = merge_settings(rule, text, SETTINGS)
+    settings, _ = merge_settings(SETTINGS, None, rule, text)
     rule = rule.filled(settings)
     if settings.techniques != ("light", "brdf") or settings.allocation != "systematic" or rule.multi_technique:
         raise ValueError(
