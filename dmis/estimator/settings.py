@@ -50,7 +50,7 @@ class NotGiven:
         return not_given, (type(self).__mro__[2](self),)
 
 
-_KINDS = {kind: type(kind.__name__, (NotGiven, kind), {}) for kind in (int, float, str, tuple)}
+_KINDS = {kind: type("NotGiven", (NotGiven, kind), {}) for kind in (int, float, str, tuple)}
 
 
 def not_given(value: Any) -> Any:
@@ -60,8 +60,11 @@ def not_given(value: Any) -> Any:
 
 def given_values(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of settings that are given: all but `NotGiven`, ``auto``, and None where it is the default."""
-    given = {name: value for name, value in values.items() if not isinstance(value, NotGiven) and value != "auto"}
-    return {name: value for name, value in given.items() if value is not getattr(Settings, name)}
+
+    def is_open(name: str, value: Any) -> bool:
+        return isinstance(value, NotGiven) or value is getattr(Settings, name) or str(value) == "auto"
+
+    return {name: value for name, value in values.items() if not is_open(name, value)}
 
 
 def _technique_names(name: str, value: Any) -> tuple[str, ...]:
@@ -155,10 +158,7 @@ class Settings:
     """
 
     shading_samples: int = _option(
-        not_given(DEFAULTS["shading_samples"]),
-        "light plus BRDF samples per camera sample (default 2)",
-        int,
-        "S",
+        not_given(DEFAULTS["shading_samples"]), "light plus BRDF samples per camera sample (default 2)", int, "S"
     )
     techniques: tuple[str, ...] = not_given(DEFAULTS["techniques"])
     combiner: str = not_given(DEFAULTS["combiner"])

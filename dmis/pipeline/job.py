@@ -176,7 +176,7 @@ def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:
     """Return the rule of a render that names none, and why it is not ``auto``; the reason is empty if it is.
 
     ``auto`` where its first round pays and it goes with the settings; else equal shares, with the techniques, the
-    combiner and the allocation of `settings`. A preset names its rule.
+    combiner and the allocation of `settings`, and a warning if these are the reason. A preset names its rule.
     """
     if settings.preset is not None:
         return PRESETS[settings.preset].rule, ""
