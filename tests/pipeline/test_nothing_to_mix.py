@@ -49,7 +49,8 @@ def test_images_are_those_of_equal_shares(
     assert (result.weight == 0.5).all() and (result.samples == 9).all()
     assert stages == {"final"} and result.maps == {} and result.provenance["pilot_rays"] == {}
     assert "no pilot" in result.provenance["nothing_to_mix"] and "nothing_to_mix" not in other.provenance
-    assert result.provenance["rule"] == rule
+    shares = [render.provenance["settings"]["compensation"] for render in (result, other)]
+    assert result.provenance["rule"] == rule and shares[0] == shares[1]
 
 
 def test_a_small_budget_is_enough(delta_scene: dmis.Scene) -> None:
