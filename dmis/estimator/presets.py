@@ -16,7 +16,8 @@ class Preset:
     values
         Value of every field of `dmis.estimator.settings.Settings` but ``preset``.
     choices
-        Fields that may have another value, with all values that they may have; an empty tuple stands for any.
+        Fields that may have another value, with all values that they may have; an empty tuple stands for any, and
+        those whose value is ``auto`` or None may have any, too.
     rule
         Rule of a render that names none.
     weigh
@@ -27,16 +28,6 @@ class Preset:
     choices: Mapping[str, tuple[Any, ...]]
     rule: str
     weigh: str
-
-    def check(self, settings: Any) -> None:
-        """Raise a ValueError if a field of the settings has a value that the preset does not allow."""
-        for name, pinned in self.values.items():
-            allowed, value = self.choices.get(name, (pinned,)), getattr(settings, name)
-            if allowed and value not in allowed:
-                raise ValueError(
-                    f"preset {settings.preset} has {name} {' or '.join(map(repr, allowed))}; got {value!r}. "
-                    f"Give another value, or no preset"
-                )
 
 
 _THESIS = Preset(
@@ -55,10 +46,7 @@ _THESIS = Preset(
     choices={
         "shading_samples": (),
         "combiner": ("balance", "power"),
-        "integrator": (),
-        "max_depth": (),
         "sampler": ("independent", "lowdiscrepancy"),
-        "reuse_pilot": (),
     },
     rule="thesis",
     weigh="heuristic",

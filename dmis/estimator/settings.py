@@ -192,7 +192,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         preset = PRESETS.get(_CHECKS["preset"]("preset", self.preset))
-        values = {} if preset is None else preset.values
+        values, choices = ({}, {}) if preset is None else (preset.values, preset.choices)
         given = self.explicit
         for option in fields(self):
             name = option.name
@@ -209,8 +209,13 @@ class Settings:
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
             )
-        if preset is not None:
-            preset.check(self)
+        for name, pinned in given_values(values).items():
+            allowed = choices.get(name, (pinned,))
+            if allowed and (value := getattr(self, name)) not in allowed:
+                raise ValueError(
+                    f"preset {self.preset} has {name} {' or '.join(map(repr, allowed))}; got {value!r}. Give another "
+                    f"value, or no preset"
+                )
 
     @property
     def explicit(self) -> dict[str, Any]:

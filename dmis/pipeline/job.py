@@ -180,27 +180,20 @@ def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:
     """
     if settings.preset is not None:
         return PRESETS[settings.preset].rule, ""
-    reason = _objection_to_auto(spp, settings)
+    auto, most = Auto(), LEVELS[-1] // 2
+    reason = f"more than {most:,} samples per pixel, rendered with w = 1/2" if spp > most else auto.fallback(spp)
+    try:
+        merged, _ = merge_settings(settings, None, auto, "auto")
+        check_settings(auto.filled(merged), "auto", merged)
+    except ValueError as error:
+        reason = str(error)
+        text = f"rendered with equal shares, because auto, the rule where none is named, does not fit: {reason}"
+        warn(SceneWarning(text), stacklevel=4)
     if not reason:
         return "auto", ""
     if len(settings.techniques) > 2:
         return _equal_shares(settings), reason
     return "balance" if settings.combiner == "balance" else "fixed:0.5", reason
-
-
-def _objection_to_auto(spp: int, settings: Settings) -> str:
-    """Return why the rule ``auto`` does not render a budget with settings; empty if it does."""
-    auto = Auto()
-    if spp > (most := LEVELS[-1] // 2):
-        return f"more than {most:,} samples per pixel, rendered with w = 1/2"
-    try:
-        merged, _ = merge_settings(settings, None, auto, "auto")
-        check_settings(auto.filled(merged), "auto", merged)
-    except ValueError as error:
-        text = f"rendered with equal shares, because auto, the rule where none is named, does not fit: {error}"
-        warn(SceneWarning(text), stacklevel=5)
-        return str(error)
-    return auto.fallback(spp)
 
 
 def _equal_shares(settings: Settings) -> Fixed:

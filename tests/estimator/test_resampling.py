@@ -13,6 +13,7 @@ from dmis.brdf.materials import plastic
 from dmis.estimator.resampling import resampled
 from dmis.estimator.settings import Settings
 from dmis.light.area import SphereLight
+from dmis.scene.scene import SceneWarning
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import polar
 
@@ -61,5 +62,6 @@ def test_rules_without_densities_are_refused() -> None:
         ValueError, match=r"combiner optimal needs the pdf of every technique, but .resampled. has none"
     ):
         Settings(techniques=("resampled", "brdf"), combiner="optimal")
-    assert (dmis.render(scene, None, 16, settings=settings).weight == 0.5).all()
+    with pytest.warns(SceneWarning, match="rule auto needs the pdf"):
+        assert (dmis.render(scene, None, 16, settings=settings).weight == 0.5).all()
     assert np.isfinite(dmis.render(scene, "thesis:patch=8", 16, settings=settings).image).all()

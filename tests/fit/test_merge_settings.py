@@ -62,8 +62,8 @@ def test_open_fields_read_as_their_defaults() -> None:
 @pytest.mark.parametrize(("winner", "loser"), [*combinations(("caller", "rule", "preset", "scene", "default"), 2)])
 def test_precedence(box: dmis.Scene, winner: str, loser: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of each two sources of a depth; caller and rule name the same one."""
-    preset = PRESETS["nearest"]
-    monkeypatch.setitem(PRESETS, "nearest", replace(preset, values={**preset.values, "max_depth": 4}))  # type: ignore
+    values, choices = {**PRESETS["nearest"].values, "max_depth": 4}, {"max_depth": ()}
+    monkeypatch.setitem(PRESETS, "nearest", replace(PRESETS["nearest"], values=values, choices=choices))  # type: ignore
     of = {"caller": 3, "rule": 3, "preset": 4, "scene": 6, "default": DEFAULTS["max_depth"]}
     depth = {source: value if source in (winner, loser) else None for source, value in of.items()}
     settings = dmis.Settings(max_depth=depth["caller"] or "auto", preset="nearest" if depth["preset"] else None)
