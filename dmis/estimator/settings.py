@@ -250,11 +250,8 @@ class Settings:
         SceneWarning
             If the file asks for what dmis does not have.
         """
-        suggested = scene.suggested
-        integrator = make_settings(**options).integrator
-        if integrator == "auto":
-            integrator = suggested.integrator or DEFAULT_INTEGRATOR
-        direct = integrator == "direct"
+        suggested, given = scene.suggested, make_settings(**options).explicit
+        direct = given.get("integrator", suggested.integrator or DEFAULT_INTEGRATOR) == "direct"
         samples = (suggested.shading_samples if direct else None) or DEFAULTS["shading_samples"]
         most = MAX_SHADING_SAMPLES
         unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {most})"] if samples > most else [])]

@@ -111,11 +111,9 @@ def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> No
 
 
 def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
-    settings = merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("path")))[0]
-    assert settings.one_light and settings.preset == "thesis"
-    assert not merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("direct")))[
-        0
-    ].one_light
+    for name, one in (("path", True), ("direct", False)):
+        settings, _ = merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions(name)))
+        assert settings.one_light == one and settings.preset == "thesis"
 
 
 def test_reference_of_a_preset_is_that_of_its_settings(box: dmis.Scene, tmp_path: Path) -> None:

@@ -16,18 +16,9 @@ from dmis.fit.rule import merge_settings
 
 FIRST = {**DEFAULTS, "lights": "all"}
 """Values that are given: the defaults, but for lights, whose ``auto`` gives nothing."""
-OTHER = {
-    "shading_samples": 4,
-    "techniques": ("uniform", "brdf"),
-    "combiner": "power",
-    "allocation": "random",
-    "lights": "one",
-    "integrator": "path",
-    "max_depth": 3,
-    "sampler": "independent",
-    "reuse_pilot": True,
-    "compensation": 0.5,
-}
+VALUES = (4, ("uniform", "brdf"), "power", "random", "one", "path", 3, "independent", True, 0.5)
+OTHER = dict(zip((name for name in DEFAULTS if name != "preset"), VALUES, strict=True))
+"""Another value of each."""
 
 
 def needing(**settings: Any) -> dmis.Rule:
@@ -35,7 +26,7 @@ def needing(**settings: Any) -> dmis.Rule:
     return type("Needing", (dmis.Rule,), {"settings": settings})()
 
 
-@pytest.mark.parametrize("name", [name for name in DEFAULTS if name != "preset"])
+@pytest.mark.parametrize("name", OTHER)
 def test_a_default_that_is_given_is_not_replaced(box: dmis.Scene, name: str) -> None:
     """By field, option, copy, or in another process; one that is not given leaves the decision to the rule."""
     first, other = FIRST[name], OTHER[name]

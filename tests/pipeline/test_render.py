@@ -163,14 +163,6 @@ def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reuse
         assert same(dmis.render(box, "second-moment", 16, settings=settings), by_rule[word])
 
 
-def test_a_rules_sampler_is_not_replaced_unasked(box):
-    """However another one is asked for."""
-    for name in ("stratified", "independent"):
-        for asked in ({"sampler": name}, {"settings": dmis.Settings(sampler=name)}):
-            with pytest.raises(ValueError, match=f"conflicting sampler: Settings has '{name}', rule .* uses 'sobol'"):
-                dmis.render(box, "thesis:sampler=sobol", 8, **asked)
-
-
 @pytest.mark.parametrize(
     ("rule", "options", "sampler"),
     [
