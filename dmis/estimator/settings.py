@@ -252,7 +252,7 @@ class Settings:
         """
         suggested, given = scene.suggested, make_settings(**options).explicit
         direct = given.get("integrator", suggested.integrator or DEFAULT_INTEGRATOR) == "direct"
-        samples = (suggested.shading_samples if direct else None) or DEFAULTS["shading_samples"]
+        samples = (suggested.shading_samples if direct else None) or cls.shading_samples
         most = MAX_SHADING_SAMPLES
         unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {most})"] if samples > most else [])]
         if unmet:
