@@ -120,9 +120,12 @@ def test_techniques_that_are_refused(changes: dict[str, object], message: str) -
 @pytest.mark.parametrize(
     ("density", "message"),
     [
-        (lambda above: np.where(above, np.float32(np.nan), 0), "pdf of technique dim must be a number.*got NaN in"),
-        (lambda above: above[None], r"pdf of technique dim must be \(\d+,\), one density for .*shape \(1, \d+\)"),
-        (lambda above: np.float32(0.2), r"pdf of technique dim must be \(\d+,\), one density .*shape \(\)"),
+        (
+            lambda above: np.where(above, np.float32(np.nan), 0),
+            "pdf of technique dim must be finite and not negative; got nan",
+        ),
+        (lambda above: above[None] / 7, r"pdf of technique dim must be of shape \(N,\); got shape \(1, \d+\)"),
+        (lambda above: np.float32(0.2), r"pdf of technique dim must be an array of float of shape \(N,\); got float32"),
     ],
 )
 def test_densities_that_are_refused(density: Any, message: str, box: dmis.Scene) -> None:
@@ -146,9 +149,8 @@ def test_lobes_that_are_no_numbers_are_refused(integrator: str) -> None:
         def eval(self, directions: Any) -> Any:
             return super().eval(directions) * np.where(directions.cos_i > 0.5, np.float32(np.nan), 1)
 
-    scene = box_scene(dmis.Material((Dusty(0.5),)))
-    with pytest.raises(ValueError, match=r"eval of a lobe must be a number.*got NaN from Dusty.*check_lobe"):
-        dmis.render(scene, "balance", 2, integrator=integrator, parallel=1)
+    with pytest.raises(ValueError, match=r"Dusty.eval must be finite and not negative; got nan"):
+        dmis.render(box_scene(dmis.Material((Dusty(0.5),))), "balance", 2, integrator=integrator, parallel=1)
 
 
 def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
@@ -171,8 +173,8 @@ def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
     [
         (lambda a, k: a[k] / sum(a), "must add up to 1 over the techniques; got .* It must return W / a.k., not W"),
         (lambda a, k: 1 / a[k], "must add up to 1"),
-        (3, r"heuristic mine must be a function \(a, k\) .*'int' object is not callable"),
-        (lambda a, k: np.float32(1), r"must return W / a\[k\] of shape \(N,\); got \[\(\), \(\)\]"),
+        (3, r"heuristic mine must be a function \(a, k\) .*; got 3"),
+        (lambda a, k: np.float32(1), r"heuristic mine must be an array of float of shape \(1000,\); got float32"),
     ],
 )
 def test_heuristics_that_are_refused(heuristic: Any, message: str) -> None:

@@ -31,7 +31,7 @@ LONGEST_MODULE = 430
 """Lines of a module of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 106, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 235}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 2170), "auto": (47, 2950)}
+RENDERS = {"thesis": (37, 2260), "auto": (48, 3040)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 TOKENS, JOINED = 12.13, 20.0
 """Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""

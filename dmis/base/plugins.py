@@ -1,7 +1,10 @@
-"""Plugins: Python files of a user's own, imported before a command runs.
+"""Plugins: Python files of a user's own, imported before a command runs, and calls of what they define.
 
 A plugin registers what it defines (rules, techniques, samplers) in the tables of dmis. It is a module of its file's
 name, so worker processes can import it, and it may import other files of its folder.
+
+Calls of code that is not shipped are `guarded`: arguments are read-only, values are checked once for a batch, and what
+is raised becomes one error with class, method and line. Shipped code is called as it is.
 """
 
 from __future__ import annotations
@@ -11,8 +14,16 @@ import os
 import sys
 import sysconfig
 import traceback
+from collections.abc import Callable, Mapping
+from copy import copy
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from types import FunctionType
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
 
 _LOADED: list[Path] = []
 """Files of the plugins that were loaded."""
@@ -61,15 +72,104 @@ def origin(value: Any) -> str:
 
 def raised(error: BaseException) -> str:
     """Return the message of an exception with the function, file and line of the user's code that raised it."""
-    libraries = (sysconfig.get_path(key) for key in ("stdlib", "purelib", "platlib"))
-    others = Path(__file__).parents[1], *map(Path, libraries)
-    own = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith("<")  # generated, such as a dataclass's __init__
-        and not any(Path(frame.filename).is_relative_to(folder) for folder in others)
-    ]
+    own = [] if isinstance(error, PluginError) else _own_frames(error)
     if not own:
         return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-    frame = own[-1]
-    return f"{frame.name} raised {type(error).__name__}: {error} ({Path(frame.filename).name}, line {frame.lineno})"
+    outer, inner = (code.co_qualname.rpartition("<locals>.")[2] for code, _ in (own[0], own[-1]))
+    code, line = own[-1]
+    place = f"{Path(code.co_filename).name}, line {line}"
+    return f"{'' if outer == inner else f'{outer}: '}{inner} raised {type(error).__name__}: {error} ({place})"
+
+
+def _own_frames(error: BaseException) -> list[tuple[Any, int]]:
+    """Return code and line of the frames of a traceback that are neither of dmis nor of another library."""
+    libraries = (sysconfig.get_path(key) for key in ("stdlib", "purelib", "platlib"))
+    others = Path(__file__).parents[1], *map(Path, libraries)
+    frames = ((frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__))
+    return [
+        (code, line)
+        for code, line in frames
+        if not code.co_filename.startswith("<")  # generated, such as a dataclass's __init__
+        and not any(Path(code.co_filename).is_relative_to(folder) for folder in others)
+    ]
+
+
+class PluginError(ValueError):
+    """An exception of code that is not shipped, or a value that it must not return; the message names both."""
+
+
+def reraise(error: Exception, call: str = "") -> NoReturn:
+    """Raise an exception of a `call` of code that is not shipped as an error that names it; another as it is."""
+    if isinstance(error, PluginError) or not (call or _own_frames(error)):
+        raise error
+    text = raised(error)
+    raise PluginError(text if text.startswith(call) else f"{call}: {text}") from error
+
+
+def is_shipped(value: Any) -> bool:
+    """Return whether a class or function is one of dmis."""
+    return str(getattr(value, "__module__", "")).startswith("dmis.")
+
+
+def locked(array: np.ndarray) -> np.ndarray:
+    """Return an array, from now on read-only: it is handed to code that is not shipped."""
+    array.flags.writeable = False
+    return array
+
+
+def _locked_view(argument: Any) -> Any:
+    """Return a read-only view of an array, or a list of such views; other arguments are as they are."""
+    if isinstance(argument, np.ndarray):
+        return locked(argument.view())
+    return [*map(_locked_view, argument)] if isinstance(argument, list) else argument
+
+
+def guarded(call: str, function: Callable[..., Any], check: Callable[..., None] | None = None) -> Callable[..., Any]:
+    """Return a function with read-only arguments whose exceptions name the `call`.
+
+    Parameters
+    ----------
+    call
+        Class and method in messages, such as ``Dust.eval``; empty: the code that raises an exception is named.
+    check
+        ``check(call, value, *arguments)`` raises a ValueError unless a value is right; None: any is. Values of calls
+        with named arguments, which the renderer does not make, are not checked.
+    """
+
+    @wraps(function, updated=())
+    def guard(*arguments: Any, **named: Any) -> Any:
+        try:
+            given = [_locked_view(argument) for argument in arguments]
+            value = function(*given, **named)
+            if check is not None and not named:
+                check(call, value, *given)
+        except Exception as error:
+            reraise(error, call)
+        return value
+
+    return guard
+
+
+def checked(
+    value: T, methods: Mapping[str, Callable[..., None] | None], always: bool = False, in_place: bool = False
+) -> T:
+    """Return an object whose `methods`, by their checks, are `guarded`, a copy or the object itself (`in_place`).
+
+    One that is shipped is returned as it is, or guarded `always`.
+    """
+    cls: Any = type(value)
+    if (is_shipped(cls) and not always) or "_guards" in vars(cls):
+        return value
+    twin = value if in_place else copy(value)
+    object.__setattr__(twin, "__class__", _guarded_class(cls, tuple(methods.items())))
+    return twin
+
+
+@cache
+def _guarded_class(cls: Any, methods: tuple[tuple[str, Any], ...]) -> Any:
+    """Return a class that derives from `cls`, has its name, and guarded methods."""
+    namespace = {"__module__": cls.__module__, "__qualname__": cls.__qualname__, "__slots__": (), "_guards": cls}
+    for name, check in methods:
+        if isinstance(function := getattr(cls, name, None), FunctionType):
+            namespace[name] = guarded(f"{cls.__name__}.{name}", function, check)
+    return type(cls)(cls.__name__, (cls,), namespace)

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from dmis.base.vectors import Floats
+from dmis.base.vectors import Floats, dot
 
 T = TypeVar("T")
 
@@ -113,11 +113,61 @@ def positive(name: str, value: float) -> float:
     return value
 
 
-def check_shape(call: str, values: Any, count: int, *allowed: str) -> None:
-    """Raise a ValueError that names `call` unless its `values` have one of the shapes, in which N is `count`."""
-    if str(np.shape(values)) not in [shape.replace("N", str(count)) for shape in allowed]:
-        shapes = " or ".join(allowed)
-        raise ValueError(f"{call} must be of shape {shapes}; got shape {np.shape(values)} for N = {count}")
+def check_form(call: str, values: Any, count: int, *shapes: str) -> None:
+    """Raise a ValueError that names `call` unless `values` are floats of one of the `shapes`, in which N is `count`."""
+    allowed = " or ".join(shapes)
+    if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
+        kind = f"array of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
+        raise ValueError(f"{call} must be an array of float of shape {allowed}; got {kind}")
+    if str(values.shape) not in [shape.replace("N", str(count)) for shape in shapes]:
+        raise ValueError(f"{call} must be of shape {allowed}; got shape {values.shape} for N = {count}")
+
+
+def check_array(
+    call: str, values: Any, count: int, *shapes: str, below: float = inf, where: Callable[[], Any] | None = None
+) -> None:
+    """Raise a ValueError as `check_form` does, or unless `values` are at least 0 and `below` a limit, and so finite.
+
+    Parameters
+    ----------
+    call
+        What messages call the values, such as ``Dust.eval``.
+    count, shapes
+        N, and the allowed shapes as text, such as ``(3, N)``.
+    where
+        Returns which values count, an array that broadcasts to them; called only if one is wrong. None: all.
+    """
+    check_form(call, values, count, *shapes)
+    # bits of floats of at least 0 are in their order, those of other numbers above: one pass, not two
+    bits = f"u{values.itemsize}"
+    if values.size == 0 or values.view(bits).max() < np.array(below, values.dtype).view(bits):
+        return
+    wrong = ~((values >= 0) & (values < below))
+    if where is not None:
+        wrong = wrong & where()
+    if wrong.any():
+        must = f"in [0, {below:g})" if below < inf else "finite and not negative"
+        bad = np.broadcast_to(values, wrong.shape)[wrong]
+        raise ValueError(f"{call} must be {must}; got {bad[0]:g} ({bad.size:,} of {wrong.size:,} values)")
+
+
+def check_directions(call: str, wi: Any, count: int, where: Callable[[], Any]) -> None:
+    """Raise a ValueError that names `call` unless `wi` ``(3, count)`` are finite, and unit ones `where` that matters.
+
+    Lengths may deviate from 1 by 1e-3.
+    """
+    check_form(call, wi, count, "(3, N)")
+    square = dot(wi, wi)
+    if count == 0 or (square.min() > 0.998 and square.max() < 1.002):
+        return
+    finite = np.isfinite(square)
+    wrong = ~finite | (np.abs(square - 1) > 2e-3) & where()
+    if wrong.any():
+        must = "unit directions" if finite.all() else "finite"
+        length = np.sqrt(square[wrong if finite.all() else ~finite][0])
+        raise ValueError(
+            f"{call} must be {must}; got a length of {length:.5g} ({wrong.sum():,} of {count:,} directions)"
+        )
 
 
 def check_methods(value: object, protocol: type, names: Iterable[str]) -> None:

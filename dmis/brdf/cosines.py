@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from dmis.base.plugins import locked
 from dmis.base.vectors import TINY, Array, dot
 from dmis.samplers.warp import power
 
@@ -39,27 +40,30 @@ class LocalFrame(Protocol):
 
 
 class Directions:
-    """Unit directions wo and `wi` ``(3, N)`` about a batch of shading points, as the cosines that lobes depend on."""
+    """Unit directions wo and `wi` ``(3, N)`` about a batch of shading points, as the cosines that lobes depend on.
+
+    Arrays are read-only, because all lobes share them.
+    """
 
     def __init__(self, surface: LocalFrame, wi: Array) -> None:
-        self.surface, self.wi = surface, wi
+        self.surface, self.wi = surface, locked(wi.view())
         self.cos_o = surface.cos_o
-        self.cos_i_signed = dot(surface.n, wi)
+        self.cos_i_signed = locked(dot(surface.n, wi))
 
     @cached_property
     def cos_i(self) -> Array:
         """``|n.wi|``, ``(N,)``."""
-        return np.abs(self.cos_i_signed)
+        return locked(np.abs(self.cos_i_signed))
 
     @cached_property
     def above(self) -> Array:
         """Whether wi is on wo's side of the shading normal, ``(N,)`` bool."""
-        return self.cos_i_signed > 0
+        return locked(self.cos_i_signed > 0)
 
     @cached_property
     def cos_io(self) -> Array:
         """wi.wo, ``(N,)``."""
-        return dot(self.surface.wo, self.wi)
+        return locked(dot(self.surface.wo, self.wi))
 
     @cached_property
     def cos_d(self) -> Array:
@@ -69,12 +73,12 @@ class Directions:
         rounding is a tenth of the lobe.
         """
         h = self.surface.wo + self.wi
-        return np.sqrt(np.maximum(dot(h, h), TINY)) / 2
+        return locked(np.sqrt(np.maximum(dot(h, h), TINY)) / 2)
 
     @cached_property
     def cos_h(self) -> Array:
         """Cosine between n and the half vector, without the half vector itself."""
-        return np.minimum(np.abs(self.cos_i_signed + self.cos_o) / (2 * self.cos_d), ONE)
+        return locked(np.minimum(np.abs(self.cos_i_signed + self.cos_o) / (2 * self.cos_d), ONE))
 
     @cached_property
     def tan2_h(self) -> Array:
@@ -84,7 +88,7 @@ class Directions:
         """
         normal = self.cos_i_signed + self.cos_o
         across = self.surface.wo + self.wi - self.surface.n * normal
-        return dot(across, across) / np.maximum(normal * normal, MIN_DIVISOR)
+        return locked(dot(across, across) / np.maximum(normal * normal, MIN_DIVISOR))
 
     def power_h(self, exponent: Any) -> Array:
         """Return ``cos_h ** exponent``, ``(N,)``.
@@ -101,4 +105,4 @@ class Directions:
         """Tangential coordinates of the half vector, for anisotropic lobes."""
         s, t = self.surface.tangents
         h = (self.surface.wo + self.wi) / (2 * self.cos_d)
-        return dot(s, h), dot(t, h)
+        return locked(dot(s, h)), locked(dot(t, h))

@@ -10,7 +10,9 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from dmis.base.vectors import Array
+from dmis.base.plugins import checked
+from dmis.base.validate import check_array, check_directions
+from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.texture import Image
 
@@ -126,3 +128,35 @@ class DeltaLobe(Lobe, Protocol):
     def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Return the directions of `scatter`, ``(3, N)``."""
         return self.scatter(surface)[0]
+
+
+def _check_scatter(call: str, rays: Any, _: Lobe, surface: LocalFrame) -> None:
+    """Raise a ValueError unless directions are unit ones where a factor is not 0."""
+    if not isinstance(rays, tuple) or len(rays) != 2:
+        raise ValueError(f"{call} must return directions and factors; got {type(rays).__name__}")
+    wi, factor = rays
+    check_array(f"{call}, factors,", factor, len(surface.cos_o), *_COLOURS)
+    check_directions(f"{call}, directions,", wi, len(surface.cos_o), lambda: factor.any(axis=0))
+
+
+def _check_weight(call: str, weight: Any, _: Lobe) -> None:
+    """Raise a ValueError unless a weight is None, a number or colours."""
+    values = np.atleast_2d(np.asarray(0.0 if weight is None else weight, float))
+    check_array(call, values, values.shape[1], *_COLOURS)
+
+
+_COLOURS = "(3, N)", "(3, 1)", "(1, N)", "(1, 1)"
+_METHODS: dict[str, Any] = {
+    "eval": lambda call, f, _, d: check_array(call, f, d.wi.shape[1], *_COLOURS, where=lambda: d.above),
+    "pdf": lambda call, pdf, _, d: check_array(call, pdf, d.wi.shape[1], "(N,)", where=lambda: d.above),
+    "sample": lambda call, wi, _, s, u: check_directions(call, wi, u.shape[1], lambda: dot(s.n, wi) > 0),
+    "scatter": _check_scatter,
+    "weight": _check_weight,
+    "transmitted_share": lambda call, share, _, s: check_array(call, share, len(s.cos_o), "(N,)"),
+    **dict.fromkeys(("is_black", "albedo", "has_sides", "eta_scale")),
+}
+
+
+def checked_lobe(lobe: Any, always: bool = False) -> Any:
+    """Return a lobe that checks what its methods return, see `dmis.base.plugins.checked`."""
+    return checked(lobe, _METHODS, always)

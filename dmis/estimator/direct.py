@@ -17,8 +17,6 @@ takes the place of w in p_w, while shares of samples stay: a sample of technique
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
@@ -26,7 +24,6 @@ from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
 from dmis.estimator.draws import Draw, draws, shading_samples
 from dmis.estimator.samples import Samples, Vertices, record_samples
-from dmis.estimator.technique import densities
 from dmis.light.light_sample import LightSample
 from dmis.scene.shading_points import ShadingPoints
 
@@ -58,7 +55,7 @@ def _add_samples(batch: Batch, draw: Draw, samples: Samples) -> None:
 
     # p_l, p_b: the density of every technique in the sampled direction, whichever picked it
     light_pdf = take(light_sample.pdf, lit)
-    pdf = densities(batch.techniques, surface, directions, light_pdf)
+    pdf = [technique.pdf(surface, directions, light_pdf) for technique in batch.techniques]
     accepted = pdf[k] > 0  # others count as samples of value 0
 
     # 1 / p_w,  p_w = w p_l + (1 - w) p_b   (Veach 1997, Eq. 9.8);  of other heuristics  W / (w_k p_k)
@@ -74,8 +71,6 @@ def _add_samples(batch: Batch, draw: Draw, samples: Samples) -> None:
 
     # V, where the rest is not 0
     brightest = unlit[0] if len(unlit) == 1 else unlit.max(axis=0)
-    if np.isnan(brightest.sum()):
-        raise ValueError(_blame(batch, pdf, surface))
     visible: Selection | None = indices(brightest > 0)
     f_over_p_w = np.zeros((3, 0), np.float32)
     if size(visible, 1):
@@ -92,19 +87,6 @@ def _add_samples(batch: Batch, draw: Draw, samples: Samples) -> None:
     if batch.records is not None:
         pdf_all = np.stack([np.where(accepted, p, np.float32(j == k)) for j, p in enumerate(pdf)])
         record_samples(batch, vertices, samples, lit, pdf_all, f_over_p_w, visible)
-
-
-def _blame(batch: Batch, pdf: Sequence[Array], surface: ShadingPoints) -> str:
-    """Return what is to blame if samples are not numbers: a technique's density, or else a lobe."""
-    for technique, density in zip(batch.techniques, pdf, strict=True):
-        if bad := np.count_nonzero(np.isnan(density)):
-            where = f"in {bad:,} of {len(density):,} directions"
-            return f"the pdf of technique {technique.name} must be a number, 0 where it picks nothing; got NaN {where}"
-    lobes = ", ".join(type(lobe).__name__ for lobe in (*surface.reflection, *surface.transmission))
-    return (
-        f"eval of a lobe must be a number, 0 where nothing is reflected; got NaN from {lobes}. dmis.testing.check_lobe "
-        f"finds where"
-    )
 
 
 def _add_delta_light(batch: Batch, draw: Draw) -> None:

@@ -15,12 +15,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from dmis.base.plugins import origin, raised
-from dmis.base.validate import number, positive
+from dmis.base.plugins import guarded, origin
+from dmis.base.validate import check_array, number, positive
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.optimal_mis import Optimal
 from dmis.estimator.records import Record
@@ -126,6 +126,16 @@ class Combiner:
         """
         return self.heuristic([w * p for w, p in zip(shares, pdf, strict=True)], k)
 
+    def check_lost(self, shares: Array, tilt: Array | None) -> None:
+        """Raise a ValueError where a technique has a weight, its tilt ``(K, ...)``, and a share of 0 ``(K, ...)``."""
+        weighted = self.share_range[0] > 0 if tilt is None else tilt.reshape(len(tilt), -1) > 0
+        if ((shares.reshape(len(shares), -1) <= 0) & weighted).any():
+            weight = f"combiner {self.name}" if tilt is None else "the tilt"
+            raise ValueError(
+                f"shares of a round must be above 0 where {weight} gives a technique a weight, because its light would "
+                f"be lost; got 0. Give it a least share, such as 0.05, or no weight"
+            )
+
     def collector(self, shares: Array, samples: Array) -> Collector | None:
         """Return sums that correct pixels, see `dmis.estimator.optimal_mis.Optimal`; None: weights are all there is."""
         return None
@@ -184,8 +194,8 @@ def register_heuristic(name: str, heuristic: Heuristic) -> None:
         twice does.
     heuristic
         ``(a, k) -> W / a[k]``: from the effective densities ``a_j = w_j p_j``, K arrays ``(N,)``, the weight W of a
-        sample of technique k over its own effective density, ``(N,)``. It is tried at some densities of two and of
-        three techniques.
+        sample of technique k over its own effective density, ``(N,)``. It is tried at some densities of two to four
+        techniques, equal ones among them.
 
     Raises
     ------
@@ -198,29 +208,30 @@ def register_heuristic(name: str, heuristic: Heuristic) -> None:
     known = COMBINERS.get(name)
     if name in SHIPPED or (known and origin(known.heuristic) != origin(heuristic)):
         raise ValueError(f"there is a combiner {name!r} already; combiners are {', '.join((*COMBINERS, *FAMILIES))}")
+    if not callable(heuristic):
+        raise ValueError(f"heuristic {name} must be a function (a, k) that returns W / a[k]; got {heuristic!r}")
+    heuristic = guarded(f"heuristic {name}", heuristic, _check_over)
     rng = np.random.default_rng(1)
-    for techniques in (2, 3):
-        a = list(rng.exponential(size=(techniques, 1000)).astype(np.float32) ** 4)
-        a[0][:10] = 0  # a technique that does not reach the direction
+    for techniques, n in ((2, 1000), (3, 1000), (4, 8)):
+        a = list(rng.exponential(size=(techniques, n)).astype(np.float32) ** 4)
+        a[0][: n // 4] = 0  # a technique that does not reach the direction
+        for density in a:
+            density[n // 2 :] = rng.integers(1, 4, n // 2)  # equal ones among them
         with np.errstate(all="ignore"):  # what is not finite is refused
-            try:
-                over = [np.asarray(heuristic(a, k)) for k in range(techniques)]
-            except Exception as error:
-                raise ValueError(
-                    f"heuristic {name} must be a function (a, k) that returns W / a[k]; with densities of {techniques} "
-                    f"techniques {raised(error)}"
-                ) from error
-            if any(values.shape != (1000,) for values in over):
-                raise ValueError(f"heuristic {name} must return W / a[k] of shape (N,); got {[v.shape for v in over]}")
-            total = sum(density * values for density, values in zip(a, over, strict=True))
+            total = sum(a[k] * heuristic(a, k) for k in range(techniques))
         wrong = ~(np.abs(total - 1) < 1e-3)  # of a NaN, too
         if wrong.any():
             raise ValueError(
                 f"weights W of heuristic {name} must add up to 1 over the techniques; got {total[wrong][0]:.4g} for "
                 f"the effective densities {', '.join(f'{density[wrong][0]:.4g}' for density in a)}. It must return "
-                f"W / a[k], not W"
+                f"W / a[k], not W, and where densities are equal, k must break the tie"
             )
     COMBINERS[name] = Combiner(name, heuristic)
+
+
+def _check_over(call: str, over: Any, a: Sequence[Array], k: int) -> None:
+    """Raise a ValueError unless W / a[k] is right where a[k] is not 0."""
+    check_array(call, over, a[k].size, str(a[k].shape), where=lambda: a[k] > 0)
 
 
 def combiner_by_name(name: str) -> Combiner:

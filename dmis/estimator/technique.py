@@ -8,18 +8,17 @@ Two techniques or more are mixed in `dmis.estimator.direct`; anything that has t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
-import numpy as np
-
-from dmis.base.plugins import origin
-from dmis.base.validate import whole
+from dmis.base.plugins import guarded, is_shipped, origin
+from dmis.base.validate import check_array, whole
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.estimator.resampling import resampled
 from dmis.light.light import SampledLight as SampledLight
+from dmis.light.light import check_light_sample
 from dmis.light.light_sample import LightSample
 from dmis.samplers.warp import TWO_PI, square_to_hemisphere, to_world
 from dmis.scene.shading_points import ShadingPoints
@@ -103,17 +102,22 @@ def register_technique(technique: Technique) -> None:
 def check_technique_form(technique: Technique) -> None:
     """Raise a ValueError if a technique cannot be one beside those that are registered.
 
-    Its name must be a word, and not that of another technique; its kind of rays must not be that of other rays, and it
-    needs 2 to 4 uniform numbers.
+    Its name must be a word, and not that of another technique; its kind of rays must not be that of other rays; sample
+    and pdf must be functions, and it needs 2 to 4 uniform numbers.
     """
+    if not isinstance(technique, Technique):
+        raise ValueError(f"a technique must be a dmis.Technique; got {technique!r}")
     name, rays = technique.name, technique.rays
-    if not name.isidentifier():
+    if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(f"a technique's name must be a word of letters, digits and _; got {name!r}")
+    for part in ("sample", "pdf"):
+        if not callable(function := getattr(technique, part)):
+            raise ValueError(f"technique {name}: {part} must be a function; got {function!r}")
     known = TECHNIQUES.get(name, technique)
     if known != technique and (name in SHIPPED or origin(known.sample) != origin(technique.sample)):
         raise ValueError(f"there is a technique {name!r} already; techniques are {', '.join(TECHNIQUES)}")
     taken = sorted(_OTHER_RAYS | {other.rays for other in TECHNIQUES.values() if other.name != name})
-    if rays in taken or rays.startswith("bounce"):
+    if not isinstance(rays, str) or rays in taken or rays.startswith("bounce"):
         example = f"{name}_rays" if name in taken else name
         raise ValueError(
             f"technique {name}: rays must be a word under which its rays alone are counted, such as {example!r}; not "
@@ -122,21 +126,23 @@ def check_technique_form(technique: Technique) -> None:
     whole(f"numbers of technique {name}", technique.numbers, 2, 4)
 
 
-def densities(
-    techniques: Sequence[Technique], surface: ShadingPoints, directions: Directions, light_pdf: Array
-) -> list[Array]:
-    """Return the density of every technique in each direction, whichever picked it, K arrays ``(N,)``.
+def checked_technique(technique: Technique) -> Technique:
+    """Return a technique whose functions check what they return, see `dmis.base.plugins`; one of dmis as it is."""
+    if is_shipped(technique.sample) and is_shipped(technique.pdf):
+        return technique
+    of = f"of technique {technique.name}"
+    sample = guarded(f"sample {of}", technique.sample, _check_sample)
+    return replace(technique, sample=sample, pdf=guarded(f"pdf {of}", technique.pdf, _check_pdf))
 
-    A ValueError if one has another shape, which would be spread over all directions.
-    """
-    pdf = [technique.pdf(surface, directions, light_pdf) for technique in techniques]
-    for technique, density in zip(techniques, pdf, strict=True):
-        if np.shape(density) != light_pdf.shape:
-            raise ValueError(
-                f"the pdf of technique {technique.name} must be {light_pdf.shape}, one density for each direction; got "
-                f"shape {np.shape(density)}"
-            )
-    return pdf
+
+def _check_sample(call: str, light_sample: Any, surface: ShadingPoints, light: SampledLight, u: Array) -> None:
+    """Raise a ValueError unless light samples are right."""
+    check_light_sample(call, light_sample, light, u, u, surface)
+
+
+def _check_pdf(call: str, pdf: Any, surface: ShadingPoints, directions: Directions, light_pdf: Array) -> None:
+    """Raise a ValueError unless densities are right above the surface."""
+    check_array(call, pdf, len(light_pdf), "(N,)", where=lambda: directions.above)
 
 
 def technique_by_name(name: Technique | str) -> Technique:

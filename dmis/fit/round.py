@@ -111,7 +111,7 @@ class Round:
         """Raise a ValueError unless the round is one of an image of `shape` (height, width).
 
         Arrays must have a value for each pixel, and each pixel samples, if the round is part of the image. Settings
-        must have values in place of ``auto``, which would be read as direct lighting.
+        must have values in place of ``auto``, which would be read as direct lighting. No light must be lost.
         """
         for name in ("integrator", "max_depth", "sampler"):
             if getattr(self.settings, name) == "auto":
@@ -133,6 +133,8 @@ class Round:
                 f"spp of a round with an image_weight must be at least 1, because every pixel of the image needs "
                 f"samples; got {np.min(self.spp)}"
             )
+        shares = self.shares if self.patterns is None else self.patterns.shading_samples(np.ones(shape, int))
+        combiner_by_name(self.settings.combiner).check_lost(shares, self.tilt)
 
     def _check_statistic(self) -> None:
         """Raise a ValueError if a statistic would get other numbers of samples than it is told."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.base.plugins import reraise
 from dmis.base.validate import number, whole
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
@@ -141,7 +142,8 @@ class OptionRule(Rule):
 def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
     """Send a rule the film of its last round, None before the first; returns its next one, None if there is none.
 
-    A ValueError if the rule's `Rule.rounds` is no generator, or yields something else than a `Round`.
+    A ValueError if the rule's `Rule.rounds` is no generator, yields something else than a `Round`, or code of a user's
+    own raises an exception in it.
     """
     if not isinstance(rounds, Generator):
         raise ValueError(f"rounds of a rule must be a generator, which yields Rounds; got {type(rounds).__name__}")
@@ -149,6 +151,8 @@ def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Rou
         requested = rounds.send(film)  # type: ignore[arg-type]
     except StopIteration:
         return None
+    except Exception as error:
+        reraise(error)
     if not isinstance(requested, Round):
         raise ValueError(f"a rule must yield Rounds, such as budget.final(fit); got {type(requested).__name__}")
     return requested

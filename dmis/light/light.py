@@ -12,7 +12,8 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from dmis.base.validate import check_methods, check_shape
+from dmis.base.plugins import checked, is_shipped
+from dmis.base.validate import check_array, check_directions, check_form, check_methods, number
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image
 from dmis.geometry.mesh import Mesh
@@ -182,49 +183,71 @@ class DeltaLight(Light, Protocol):
         return False
 
 
-def check_light_form(light: Light) -> None:
-    """Raise a ValueError if a light lacks a method that has no default, or one returns values of the wrong form."""
+def check_light_form(light: Any) -> None:
+    """Raise a ValueError if a light lacks a method that has no default, or one returns values of the wrong form.
+
+    The methods of a light that is not shipped are called for two points.
+    """
     if light.delta:
         check_methods(light, DeltaLight, ["sample"])
     else:
         check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
         if not light.infinite and not hasattr(light, "radiance"):
             check_methods(light, AreaLight, ["emission", "brightness"])
-    if getattr(light, "textured", False) or not type(light).__module__.startswith("dmis."):
-        _check_values(light)
+    textured = getattr(light, "textured", False)
+    if textured or not is_shipped(type(light)):
+        light = checked_light(light, textured)
+        with np.errstate(all="ignore"):  # a point may be a special one of the light
+            number(f"{type(light).__name__}.brightness(length)", light.brightness(1.0), 0)
+            if light.delta:
+                light.sample(_PROBE_POINTS)
+                return
+            if light.infinite:
+                light.radiance(_DIRECTIONS)
+            elif not isinstance(getattr(light, "radiance", None), Image):  # which is looked up at texture coordinates
+                light.emission(_PROBE_POINTS)
+            light.hit(_PROBE_POINTS, _DIRECTIONS)  # first, because `sample` may call it
+            light.sample(_PROBE_POINTS, _NUMBERS)
+
+
+def check_light_sample(
+    call: str, light_sample: Any, _: Any, points: Array, numbers: Array | None = None, surface: Any = None
+) -> None:
+    """Raise a ValueError unless a call with points, and uniform numbers or directions, returned right light samples.
+
+    With the `surface` of a technique, lengths of directions that leave its back do not matter.
+    """
+    if not isinstance(light_sample, LightSample):
+        raise ValueError(
+            f"{call} must return a LightSample of dmis.light.light_sample; got {type(light_sample).__name__}. Write "
+            f"LightSample(wi, distance, radiance, pdf, emits)"
+        )
+    wi, emits, pdf, distance = light_sample.wi, light_sample.emits, light_sample.pdf, light_sample.distance
+    count = points.shape[1]
+    if not isinstance(emits, np.ndarray) or emits.dtype != bool or emits.shape != (count,):
+        got = f"{np.asarray(emits).dtype} of shape {np.shape(emits)}"
+        raise ValueError(f"{call}: emits must be bool of shape (N,), such as cos > 0; got {got} for N = {count}")
+    if wi is not numbers:  # given ones are right
+        check_directions(f"{call}: wi", wi, count, lambda: emits if surface is None else emits & surface.same_side(wi))
+    check_array(f"{call}: radiance", light_sample.radiance_at(None), count, *RADIANCE_SHAPES, where=lambda: emits)
+    check_array(f"{call}: distance", distance, count, "(N,)", "(1,)", where=lambda: emits & ~np.isposinf(distance))
+    if numbers is not None:  # a delta light's is not read
+        check_array(f"{call}: pdf", pdf, count, "(N,)", where=lambda: emits | np.isnan(pdf))
 
 
 RADIANCE_SHAPES = "(3, 1)", "(3, N)"
 _PROBE_POINTS = np.array([[0.1, -0.4], [0.2, 0.5], [0.3, -0.6]], np.float32)
 _DIRECTIONS = np.array([[0.6, 0], [0, -0.6], [0.8, -0.8]], np.float32)
 _NUMBERS = np.array([[0.25, 0.5], [0.75, 0.5]], np.float32)
+_METHODS: dict[str, Any] = {
+    "sample": check_light_sample,
+    "hit": check_light_sample,
+    "radiance": lambda call, radiance, _, wi: check_array(call, radiance, wi.shape[1], *RADIANCE_SHAPES),
+    "emission": lambda call, radiance, _, p: check_form(call, radiance, p.shape[1], *RADIANCE_SHAPES),
+    **dict.fromkeys(("brightness", "has_power", "extent", "mesh", "hides_itself", "pieces", "is_at", "seen_from")),
+}
 
 
-def _check_values(light: Any) -> None:
-    """Call each method of a light for two points; raise a ValueError if what it returns has the wrong form."""
-    name = type(light).__name__
-    with np.errstate(all="ignore"):  # a point may be a special one of the light
-        if light.delta:
-            _check_light_sample(f"{name}.sample(p)", light.sample(_PROBE_POINTS), delta=True)
-            return
-        if light.infinite:
-            check_shape(f"{name}.radiance(wi)", light.radiance(_DIRECTIONS), 2, *RADIANCE_SHAPES)
-        elif not isinstance(getattr(light, "radiance", None), Image):  # which is looked up at texture coordinates
-            check_shape(f"{name}.emission(p)", light.emission(_PROBE_POINTS), 2, *RADIANCE_SHAPES)
-        _check_light_sample(f"{name}.sample(p, u)", light.sample(_PROBE_POINTS, _NUMBERS))
-        _check_light_sample(f"{name}.hit(p, wi)", light.hit(_PROBE_POINTS, _DIRECTIONS))
-
-
-def _check_light_sample(call: str, light_sample: Any, delta: bool = False) -> None:
-    """Raise a ValueError unless a light's method returned a light sample of two directions."""
-    if not isinstance(light_sample, LightSample):
-        raise ValueError(
-            f"{call} must return a LightSample of dmis.light.light_sample; got {type(light_sample).__name__}. Write "
-            f"LightSample(wi, distance, radiance, pdf, emits)"
-        )
-    for field, shape in (("wi", "(3, N)"), ("distance", "(N,)"), ("pdf", "(N,)"), ("emits", "(N,)")):
-        if not (delta and field == "pdf"):  # which is not read
-            check_shape(f"{call}: {field}", getattr(light_sample, field), 2, shape)
-    if (kind := np.asarray(light_sample.emits).dtype).kind != "b":
-        raise ValueError(f"{call}: emits must be bool; got {kind}. Write a comparison, such as cos > 0")
-    check_shape(f"{call}: radiance", light_sample.radiance_at(None), 2, *RADIANCE_SHAPES)
+def checked_light(light: Any, always: bool = False) -> Any:
+    """Return a light that checks what its methods return, see `dmis.base.plugins.checked`."""
+    return checked(light, _METHODS, always)

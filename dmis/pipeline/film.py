@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmis.base.patches import PATCH, by_colour, patch_sum, pixels_apart
+from dmis.base.plugins import checked, guarded, is_shipped
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
 from dmis.estimator.mis import combiner_by_name
@@ -48,7 +49,10 @@ class Observers:
         self._moments = SubBlocks(round_.spp, pixels) if in_blocks else PixelMoments(pixels)
         # pixels that a statistic leaves out have no samples
         self._observed = np.flatnonzero(np.broadcast_to(round_.spp, pixels))
-        self.statistic = round_.statistic and round_.statistic(len(self._observed), self._shading_samples)
+        self.statistic: Statistic | None = None
+        if round_.statistic is not None:
+            statistic = guarded("", round_.statistic)(len(self._observed), self._shading_samples)
+            self.statistic = checked(statistic, {"add": None, "sums": None}, in_place=True)
         samples = round_.spp * np.full(pixels, self._shading_samples)
         self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
         self.pixel_sums = np.zeros((3, pixels)) if asks(self.statistic, "pixel_sums") else None
@@ -92,6 +96,8 @@ class Observers:
     def sums(self) -> dict[str, Array]:
         """Return the sums of the statistic over the patches, and the rays of their pixels if it asks for them."""
         sums = {} if self.statistic is None else dict(self.statistic.sums())
+        if not is_shipped(type(self.statistic)):
+            _check_sums(f"{type(self.statistic).__name__}.sums", sums, len(self._observed))
         if len(self._observed) < self._shape[0] * self._shape[1]:
             sums = {name: self._spread(a) for name, a in sums.items()}
         if self.pixel_sums is not None:
@@ -110,6 +116,14 @@ class Observers:
         """Return the moments of the pixels ``(3, P)``, corrected by the combiner; 0 where there were no samples."""
         total = self._moments.total()
         return total if self._collector is None else replace(total, mean=total.mean + self._collector.correction())
+
+
+def _check_sums(call: str, sums: Mapping[str, Array], pixels: int) -> None:
+    """Raise a ValueError unless the sums of a statistic are finite, and have a value for each pixel."""
+    for name, values in sums.items():
+        if np.shape(values)[-1:] != (pixels,) or not np.isfinite(values).all():
+            must = f"of shape (..., {pixels}) and finite, one for each pixel"
+            raise ValueError(f"{call}: {name} must be {must}; got shape {np.shape(values)}")
 
 
 def asks(statistic: Statistic | None, wish: str) -> bool:
@@ -176,7 +190,7 @@ class PassFilm:
 
     def __init__(self, resolution: tuple[int, int], tiles: int, round_: Round) -> None:
         before, shape = round_.before, (resolution[1], resolution[0], 3)
-        mean, root = (before.mean, before.root) if before else np.zeros((2, *shape), np.float32)
+        mean, root = unlocked(before) if before else np.zeros((2, *shape), np.float32)
         self.mean: np.ndarray = mean
         self.root: np.ndarray = root
         self.round, self.done = round_, np.zeros(tiles, bool)
@@ -203,6 +217,12 @@ class PassFilm:
         self.done[tile.number] = True
 
 
+def unlocked(film: Film) -> tuple[Array, Array]:
+    """Return mean and root of a film, which a rule must not write into, to be overwritten."""
+    film.mean.flags.writeable = film.root.flags.writeable = True
+    return film.mean, film.root
+
+
 def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
     """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.
 
@@ -211,7 +231,7 @@ def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Ar
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """
     total = sum(n for _, n in parts)
-    image, deviation = parts[0][0].mean, parts[0][0].root
+    image, deviation = unlocked(parts[0][0])
     shape = image.shape
     for row in range(len(image)):
         mean, variance = np.zeros((2, *shape[1:]))

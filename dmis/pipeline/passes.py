@@ -11,6 +11,7 @@ from contextlib import closing
 from types import TracebackType
 
 from dmis.base.malloc import LARGE_IMAGE, release
+from dmis.base.plugins import locked
 from dmis.base.vectors import Array
 from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
@@ -112,9 +113,9 @@ class Passes:
         self.pilot_rays.update(rays if round_.stage == "pilot" else {})
         n = round_.spp + (0 if round_.before is None else round_.begin)
         pilot = Pilot(
-            moments=Film(n if isinstance(n, int) else n[..., None], film.mean, film.root),
+            moments=Film(n if isinstance(n, int) else n[..., None], locked(film.mean), locked(film.root)),
             rays=dict(film.rays),
-            sums=film.sums,
+            sums={name: locked(values) for name, values in film.sums.items()},
             shading_samples=round_.settings.shading_samples,
             features=self._features(round_),
             techniques=round_.mixture,
@@ -149,4 +150,4 @@ class Passes:
         features, rays = render(self._job.given_scene)
         self.rays["guide"] += rays
         self._release()
-        return features
+        return {name: locked(values) for name, values in features.items()}

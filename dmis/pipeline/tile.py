@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmis.base.patches import PATCH
+from dmis.base.plugins import guarded
 from dmis.base.vectors import Array, indices
 from dmis.estimator.allocation import SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.settings import Settings
+from dmis.estimator.technique import checked_technique
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import CountingCaster, RayCaster
@@ -75,7 +77,7 @@ class Tile:
         pixels = (rows[:, None] * width + columns).reshape(-1)
         stops = np.unique(self.round.spp + self.round.begin).tolist()
         block = PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples)
-        return Numbers(SAMPLERS[settings.sampler](block), rng)
+        return Numbers(guarded("", SAMPLERS[settings.sampler])(block), rng)
 
     def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
         """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""
@@ -152,7 +154,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
     round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
     observers = Observers(round_, tile.shape)
     counting = CountingCaster(caster or scene.intersector, observers.pixel_sums)
-    techniques, combiner = round_.mixture, combiner_by_name(round_.settings.combiner)
+    techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
     covered = _covered_pixels(scene, tile)
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
     for pixels, spp, shares, settings in tile.groups():

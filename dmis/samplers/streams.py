@@ -16,11 +16,12 @@ be sampled in one plane of its four dimensions only, however many samples there 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from dmis.base.plugins import origin
+from dmis.base.plugins import checked, is_shipped, origin
+from dmis.base.validate import check_array
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
 from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PICK, PixelBlock
@@ -131,24 +132,35 @@ class Numbers:
     """
 
     def __init__(self, sampler: Sampler, rng: np.random.Generator) -> None:
-        self.rng, self._sampler = rng, sampler
-        self._blocks = sampler if isinstance(sampler, BlockSampler) else None  # once: to ask takes 10 µs
+        self.rng, self._sampler = rng, checked(sampler, _METHODS, in_place=True)
+        self._own = not is_shipped(type(sampler))
+        self._blocks = self._sampler if isinstance(self._sampler, BlockSampler) else None  # once: to ask takes 10 µs
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """Begin a batch of camera samples, see `Sampler.start`."""
+        self._size = len(pixel)
         self._sampler.start(pixel, number)
+
+    def _draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
+        return self._checked("draw", self._sampler.draw(key, index, number), "(2, N)", size(index, self._size))
+
+    def _checked(self, method: str, numbers: Any, shape: str, count: int) -> Array:
+        """Return the numbers of a method of the sampler; a ValueError unless one that is not shipped is right."""
+        if self._own:
+            check_array(f"{type(self._sampler).__name__}.{method}", numbers, count, shape, below=1.0)
+        return numbers
 
     def place_in_pixel(self) -> Array:
         """Return where the rays of all camera samples go through their pixels, ``(2, N)``."""
-        return self._sampler.draw("camera", None)
+        return self._draw("camera", None)
 
     def place_on_lens(self) -> Array:
         """Return where the rays of all camera samples leave the lens, ``(2, N)``."""
-        return self._sampler.draw((LENS,), None)
+        return self._draw((LENS,), None)
 
     def light(self, key: tuple[int, ...], sample: Selection | None) -> Array:
         """Return what picks one of several lights at the vertices of N camera samples, ``(N,)`` in [0, 1)."""
-        return self._sampler.draw((PICK, *key), sample)[0]
+        return self._draw((PICK, *key), sample)[0]
 
     def direction(
         self, key: tuple[int, ...], technique: int, i: int, sample: Selection | None, places: Places, numbers: int = 2
@@ -173,15 +185,16 @@ class Numbers:
         dimension = (*key, technique)
         before = places.before(technique)
         if before is not None:
-            return self._sampler.draw(dimension, sample, take(before, sample) + i)
+            return self._draw(dimension, sample, take(before, sample) + i)
         count = places.of_every_camera_sample(technique)
         if count is not None and self._blocks is not None:
-            return self._blocks.draw_block(dimension, sample, i, count)
-        return self._sampler.draw((*dimension, i), sample)
+            block = self._blocks.draw_block(dimension, sample, i, count)
+            return self._checked("draw_block", block, "(2, N)", size(sample, self._size))
+        return self._draw((*dimension, i), sample)
 
     def onward(self, path: tuple[int, ...], sample: Selection | None) -> Array:
         """Return the directions in which paths go on, ``(2, N)``; lobes and roulette take numbers of `rng`."""
-        return self._sampler.draw((*path, CONTINUE), sample)
+        return self._draw((*path, CONTINUE), sample)
 
     def techniques(self, shading_samples: int, samples: int) -> Array:
         """Return what picks the technique of each shading sample at random, ``(shading_samples, samples)``."""
@@ -191,13 +204,16 @@ class Numbers:
         """Return `count` offsets of systematic rounding for each pixel, ``(count, P)`` float64."""
         offsets = self.rng.random((count, pixels))
         if isinstance(self._sampler, RoundingSampler):  # numbers of the pixels, and not of the tile
-            return self._sampler.rounding_offsets(count).astype(float)
+            offsets = self._sampler.rounding_offsets(count)
+            return self._checked("rounding_offsets", offsets, f"({count}, N)", pixels).astype(float)
         return offsets
 
     def rounding_order(self, number: np.ndarray) -> np.ndarray | None:
         """Return the numbers of camera samples in the order in which counts are rounded, ``(N,)``; None: in theirs."""
         return self._sampler.rounding_order(number) if isinstance(self._sampler, RoundingSampler) else None
 
+
+_METHODS = dict.fromkeys(("start", "draw", "draw_block", "rounding_offsets", "rounding_order"))
 
 SamplerFactory = Callable[[PixelBlock], Sampler]
 """Makes the sampler of the pixels of one tile."""
@@ -236,4 +252,9 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
 
 def is_sequence(kind: str) -> bool:
     """Return whether the sampler `kind` takes neighbours of a sequence, and says so by an attribute ``sequence``."""
+    if kind not in SAMPLERS:
+        raise ValueError(
+            f"sampler {kind!r} is not registered in this process. Worker processes know what a plug-in, or a module "
+            f"that they import, registers at its top level: call dmis.register_sampler there"
+        )
     return getattr(SAMPLERS[kind], "sequence", False)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from dmis.base.plugins import is_shipped
 from dmis.base.validate import direction
 from dmis.base.vectors import Array, Index
-from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters
+from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters, checked_lobe
 from dmis.brdf.materials import Material
 from dmis.brdf.relief import Relief
 from dmis.brdf.texture import Image
@@ -150,7 +151,7 @@ def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Gr
     """Return the group of the materials and lights of all parts that have the same `batch_key`."""
     _, texture_key, smooth, emits, tangent = key
     materials = tuple(material for material, _ in members)
-    lobes = tuple(_tabulate(same) for same in zip(*(material.lobes for material in materials), strict=True))
+    lobes = tuple(_checked(_tabulate(same)) for same in zip(*(material.lobes for material in materials), strict=True))
     lights = [light for _, light in members if light is not None]
     textured_light = next((light for light in lights if light.textured), None)
     emission = None
@@ -190,6 +191,12 @@ def _tabulate(lobes: tuple[Any, ...]) -> Any:
             table = np.stack([np.broadcast_to(np.asarray(x, np.float32).reshape(-1), 3) for x in values], axis=1)
             changes[name] = table[:1] if (table == table[0]).all() else table
     return replace(lobes[0], **changes)
+
+
+def _checked(lobe: Any) -> Any:
+    """Return a lobe that checks what it returns if its class, or that of data nested in it, is not shipped."""
+    nested = [getattr(lobe, field.name) for field in fields(lobe)]
+    return checked_lobe(lobe, any(is_dataclass(value) and not is_shipped(type(value)) for value in nested))
 
 
 def bind_lobes(group: Group, row: Index | None, uv: Array | None) -> dict[str, tuple[Any, ...]]:

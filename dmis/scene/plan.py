@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf.materials import Material
-from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
+from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight, checked_light
 from dmis.light.pieces import Pieces
 from dmis.light.selection import SELECTIONS, select_lights
 from dmis.scene.camera import Camera
@@ -61,9 +61,10 @@ class Plan:
 
     def __init__(self, camera: Camera, parts: tuple[Part, ...], lights: tuple[Light, ...], epsilon: float) -> None:
         self.removed_lights = len(lights)
-        lights = tuple(light for light in lights if light.has_power())
+        guarded = ((id(light), checked_light(light)) for light in lights)
+        live_lights = {number: light for number, light in guarded if light.has_power()}
+        lights = tuple(live_lights[id(light)] for light in lights if id(light) in live_lights)
         self.removed_lights -= len(lights)
-        live_lights = {id(light) for light in lights}
         self.sampled: tuple[SampledLight, ...] = tuple(light for light in lights if not light.delta)  # type: ignore[misc]
         self.deltas: tuple[DeltaLight, ...] = tuple(light for light in lights if light.delta)  # type: ignore[misc]
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
@@ -82,7 +83,7 @@ class Plan:
             replace(
                 part,
                 material=simplified[id(part.material)],
-                light=part.light if id(part.light) in live_lights else None,
+                light=live_lights.get(id(part.light)),
             )
             for part in parts
         )

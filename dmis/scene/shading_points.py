@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.plugins import locked
 from dmis.base.vectors import TINY, Array, Index, Selection, columns, compose, dot, frame, normalise, take
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import DeltaLobe, Lobe
@@ -109,7 +110,7 @@ class ShadingPoints:
     """N points on surfaces that share the same kinds of lobes, seen from ``wo``.
 
     A subset (`take`) gathers an attribute when it is first read: most directions miss the light or face away, and
-    the few points that remain rarely need everything.
+    the few points that remain rarely need everything. Arrays are read-only, because all lobes and lights share them.
 
     Attributes
     ----------
@@ -146,6 +147,9 @@ class ShadingPoints:
 
     def __init__(self, **attributes: Any) -> None:
         self.__dict__.update(attributes)
+        for value in attributes.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
         self._parent: ShadingPoints | None = None
         self._index: Selection | None = None
 
@@ -166,6 +170,8 @@ class ShadingPoints:
             value = self.n
         else:
             value = _gather(getattr(self._parent, name), self._index)
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
         self.__dict__[name] = value
         return value
 
@@ -185,7 +191,8 @@ class ShadingPoints:
     def tangents(self) -> tuple[Array, Array]:
         """Unit tangents along and across dp/du; any frame where there is none, or it is along n. Each ``(3, N)``."""
         if self.dpdu is None:
-            return frame(self.n)
+            s, t = frame(self.n)
+            return locked(s), locked(t)
         s = self.dpdu - self.n * dot(self.n, self.dpdu)
         along = np.flatnonzero(dot(s, s) <= np.float32(1e-8) * dot(self.dpdu, self.dpdu))
         if len(along):
@@ -193,7 +200,7 @@ class ShadingPoints:
         s = normalise(s)
         x, y, z = self.n
         t = np.stack([y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]])
-        return s, t
+        return locked(s), locked(t)
 
     def same_side(self, wi: Array) -> np.ndarray:
         """Return whether f may be positive, ``(N,)`` bool; elsewhere it is 0, whatever technique finds `wi` ``(3, N)``.

@@ -11,6 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from dmis.base.validate import check_array
 from dmis.base.vectors import Array, Selection, size
 from dmis.fit.fixed import Fixed
 from dmis.samplers.pixel_block import CONTINUE, LENS, PixelBlock
@@ -78,13 +79,10 @@ def _sampler(make: SamplerFactory, seed: int = 0) -> Sampler:
 
 
 def _checked(u: Array, count: int, call: str) -> Array:
-    """Return the numbers of a call; raise a Fault unless they are ``(2, count)`` float32 in [0, 1)."""
-    if not isinstance(u, np.ndarray) or u.shape != (2, count) or u.dtype != np.float32:
-        got = f"{u.dtype} {u.shape}" if isinstance(u, np.ndarray) else type(u).__name__
-        raise Fault(f"{call} must return two numbers for each point, float32 (2, {count}); got {got}")
-    outside = u[~((u >= 0) & (u < 1))]
-    if len(outside):
-        raise Fault(f"{call} must return numbers in [0, 1); got {outside[0]:g}. np.minimum(u, 1 - 2**-24) excludes 1")
+    """Return the numbers of a call; a Fault or ValueError unless they are ``(2, count)`` float32 in [0, 1)."""
+    check_array(call, u, count, "(2, N)", below=1.0)
+    if u.dtype != np.float32:
+        raise Fault(f"{call} must return float32; got {u.dtype}")
     return u
 
 

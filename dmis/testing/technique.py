@@ -11,7 +11,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import matte, plastic
-from dmis.estimator.technique import TECHNIQUES, Technique, register_technique
+from dmis.estimator.technique import TECHNIQUES, Technique, check_technique_form, checked_technique, register_technique
 from dmis.fit.fixed import Fixed
 from dmis.geometry.mesh import Mesh
 from dmis.light.area import QuadLight
@@ -21,7 +21,7 @@ from dmis.light.light_sample import LightSample
 from dmis.scene.probe import surface
 from dmis.testing.density import DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, view_checks
-from dmis.testing.outcome import Check, Fault, Outcome, run_checks
+from dmis.testing.outcome import Check, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, FLOOR, TURNED, box_scene, compare_means
 from dmis.testing.sphere import polar, uniforms
 from dmis.testing.statistics import level, z_limit
@@ -52,12 +52,12 @@ def check_technique(technique: Technique) -> list[Outcome]:
     """
 
     def prepare() -> list[Check]:
-        if not 2 <= technique.numbers <= 4:
-            raise Fault(f"numbers must be 2 to 4, the uniform numbers of a sample; got {technique.numbers}")
+        check_technique_form(technique)
         numbers = [uniforms(COUNT, round(place[2]), technique.numbers) for place in _PLACES]
-        views = [_view(technique, *place, u) for place, u in zip(_PLACES, numbers, strict=True)]
+        guarded = checked_technique(technique)
+        views = [_view(guarded, *place, u) for place, u in zip(_PLACES, numbers, strict=True)]
         corners = [
-            _view(technique, light, lit_by, degrees, glossy, CORNERS[: technique.numbers])
+            _view(guarded, light, lit_by, degrees, glossy, CORNERS[: technique.numbers])
             for light, lit_by, _, glossy in _PLACES
             for degrees in (0.0, 89.99, 90.0)
         ]
@@ -74,21 +74,14 @@ def check_technique(technique: Technique) -> list[Outcome]:
 def _view(
     technique: Technique, light: SampledLight, lit_by: str, degrees: float, glossy: bool, u: Array
 ) -> DensityView:
-    """Return the technique at one surface point under one light; raise a Fault if shapes are wrong."""
+    """Return the technique at one surface point under one light."""
     material, wo = _GLOSSY if glossy else _DIFFUSE, polar(degrees) * [1, 1, degrees < 90]
     count = u.shape[1]
     sample = technique.sample(surface(material, wo, count), light, u)
-    if not isinstance(sample, LightSample):
-        raise Fault(f"sample must return a LightSample, such as light.hit(surface.p, wi); got {type(sample).__name__}")
-    if sample.wi.shape != (3, count):
-        raise Fault(f"sample must return directions wi (3, N); got shape {sample.wi.shape} for N = {count}")
 
     def pdf(w: Array) -> Array:
         points = surface(material, wo, w.shape[1])
-        density = np.asarray(technique.pdf(points, Directions(points, w), light.hit(points.p, w).pdf))
-        if density.shape != w.shape[1:]:
-            raise Fault(f"pdf must return densities (N,); got shape {density.shape} for N = {w.shape[1]}")
-        return density
+        return technique.pdf(points, Directions(points, w), light.hit(points.p, w).pdf)
 
     def hit(w: Array) -> LightSample:
         return light.hit(np.zeros_like(w), w)

@@ -115,8 +115,8 @@ def test_what_is_recognised(
     assert [line for line in lines if line.startswith("FAILED")] == [
         "FAILED  Tinted: an object of the class: TypeError: Tinted.__init__() missing 2 required positional arguments: "
         "'tint' and 'gloss'. Give it defaults, or add an object: my_tinted = Tinted(...)",
-        "FAILED  Broken: an object of the class: __init__ raised RuntimeError: not today (my_lobe.py, line 28). Give "
-        "it defaults, or add an object: my_broken = Broken(...)",
+        "FAILED  Broken: an object of the class: Broken.__init__ raised RuntimeError: not today (my_lobe.py, line 28). "
+        "Give it defaults, or add an object: my_broken = Broken(...)",
     ]
 
 

@@ -379,7 +379,7 @@ def test_radiance_of_images_has_three_rows(monkeypatch: pytest.MonkeyPatch) -> N
     """A scene refuses a light of an image that returns others."""
     check_light_form(LIGHTS["grey image"])
     monkeypatch.setattr(MeshLight, "_emitted", lambda self, index, a, b: np.ones((1, np.size(a)), np.float32))
-    with pytest.raises(ValueError, match=r"^MeshLight.sample\(p, u\): radiance must be .*; got shape \(1, 2\)"):
+    with pytest.raises(ValueError, match=r"^MeshLight.hit: radiance must be .*; got shape \(1, 2\)"):
         check_light_form(LIGHTS["grey image"])
 
 

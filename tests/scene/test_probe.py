@@ -13,11 +13,11 @@ from dmis.brdf.specular import SpecularReflection
 from dmis.testing.scenes import box_scene
 
 WRONG: list[tuple[type, str, Any, str]] = [
-    (Lambert, "eval", np.float32(0.3), r"eval\(directions\) must be of shape \(3, N\) or .*; got shape \(\) for N = 4"),
-    (Lambert, "pdf", 0.3, r"pdf\(directions\) must be of shape \(N,\); got shape \(\)"),
-    (Lambert, "pdf", np.ones(4), r"pdf\(directions\) must be of shape \(N,\); got shape \(4,\) for N = 1"),
-    (Lambert, "sample", np.ones((4, 3)), r"sample\(surface, u\) must be of shape \(3, N\); got shape \(4, 3\)"),
-    (SpecularReflection, "scatter", (np.ones((3, 4)), 0.9), r"scatter.surface., factors must be .*; got shape \(\)"),
+    (Lambert, "eval", np.float32(0.3), r"eval must be an array of float of shape \(3, N\) or .*; got float32"),
+    (Lambert, "pdf", 0.3, r"pdf must be an array of float of shape \(N,\); got float"),
+    (Lambert, "pdf", np.ones(4), r"pdf must be of shape \(N,\); got shape \(4,\) for N = 1"),
+    (Lambert, "sample", np.ones((4, 3)), r"sample must be of shape \(3, N\); got shape \(4, 3\)"),
+    (SpecularReflection, "scatter", (np.ones((3, 4)), 0.9), r"scatter, factors, must be .*; got float"),
 ]
 
 

@@ -81,15 +81,15 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "brightness": (with_fault(Panel, "brightness", lambda *_: 4.0), "brightness", r"^brightness.. returns 4, but .* 8"),
     "NaN": (
         with_fault(Panel, "hit", lambda s, p, wi: replace(s, pdf=s.pdf * (s.distance / s.distance))),
-        "finite",
-        r"pdf(: pdf| of hit)? is nan \(receiver on the light",
+        "forms",
+        r"^Mine.hit: pdf must be finite and not negative; got nan",
     ),
     "no mesh": (with_fault(Panel, "mesh", lambda *_: None), "forms", r"^mesh\(\) must return the visible surface"),
     "form": (with_fault(Panel, "hit", lambda s, *_: s.pdf), "forms", r"must return a LightSample of .*; got ndarray"),
     "delta": (
         with_fault(PointLight, "sample", lambda s, *_: replace(s, distance=s.distance * np.nan), *POINT),
-        "finite",
-        r"^sample: distance is nan \(receivers at the origin",
+        "forms",
+        r"^Mine.sample: distance must be finite and not negative; got nan",
     ),
     "falloff of 1 / d": (
         with_fault(PointLight, "sample", lambda s, *_: replace(s, radiance=s.radiance * s.distance), *POINT),

@@ -98,13 +98,13 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         "dimensions",
         "draw('camera', None) and draw((-4,), None) go through their points in one order",
     ),
-    "float64": (of_numbers(lambda u: u.astype(float)), "form", "float32 (2, 65536); got float64 (2, 65536)"),
-    "shape": (of_numbers(lambda u: u[0]), "form", "got float32 (65536,)"),
-    "one": (of_numbers(ceiling), "form", "draw('camera', None) must return numbers in [0, 1); got 1. np.minimum"),
+    "float64": (of_numbers(lambda u: u.astype(float)), "form", "must return float32; got float64"),
+    "shape": (of_numbers(lambda u: u[0]), "form", "must be of shape (2, N); got shape (65536,)"),
+    "one": (of_numbers(ceiling), "form", "draw('camera', None) must be in [0, 1); got 1 ("),
     "index ignored": (
         changed(Independent, draw=lambda self, draw, key, index, number=None: draw(key, None)),
         "index",
-        "draw('camera', slice(5, 900, None)) must return two numbers for each point, float32 (2, 895); got float32 (2",
+        "draw('camera', slice(5, 900, None)) must be of shape (2, N); got shape (2, 1024) for N = 895",
     ),
     "other index": (
         changed(Sobol, draw=first_ones),
