@@ -18,6 +18,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "exercises"
 STARTERS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
 sys.path.append(str(FOLDER / "checks"))
 EXERCISES = importlib.import_module("exercises").EXERCISES
+marks = importlib.import_module("marks")
 
 
 def check(number: int, text: str) -> list[Outcome]:
@@ -35,12 +36,15 @@ def failures(number: int, text: str) -> str:
 
 @pytest.mark.parametrize("path", STARTERS, ids=lambda path: path.stem)
 def test_starter_fails_and_solution_passes(path: Path) -> None:
-    """The starter's messages say what is wrong; the solution has several outcomes. The docstring has the command."""
+    """The starter gets no marks, and is told why; the solution gets all of several. The docstring has the command."""
     number, text = int(path.name[:2]), path.read_text("utf-8")
-    failed = [outcome for outcome in check(number, text) if not outcome.passed]
+    outcomes = check(number, text)
+    assert marks.points(number, outcomes) == 0
+    failed = [outcome for outcome in outcomes if not outcome.passed]
     assert failed and all(len(outcome.message) > 20 for outcome in failed)
     results = check(number, (FOLDER / "solutions" / path.name).read_text("utf-8"))
-    assert len(results) > 1 and [f"{o.name}: {o.message}" for o in results if not o.passed] == []
+    assert len(results) > 1 and marks.points(number, results) == marks.marks_of(number) >= 1
+    assert [f"{o.name}: {o.message}" for o in results if not o.passed] == []
     assert f"``python docs/exercises/checks {number} mine.py``" in text
     assert text.startswith(f'"""Exercise {number} ({("hard", "easy", "medium")[number % 3]}): ')
 

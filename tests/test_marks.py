@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_exercises import FOLDER, check, failures, velvet
+from test_exercises import FOLDER, check, failures, marks, velvet
 
 pytestmark = pytest.mark.examples
 CHECKS = FOLDER / "checks"
 apart = importlib.import_module("apart")
 grading = importlib.import_module("grading")
-marks = importlib.import_module("marks")
 starters = importlib.import_module("starters")
 
 
@@ -39,7 +38,7 @@ def test_hand_ins_get_the_right_verdict(hand_in: str) -> None:
 
 @pytest.mark.parametrize("number", range(1, len(marks.CHECKS) + 1))
 def test_marks_are_of_all_checks(number: int, monkeypatch) -> None:
-    """A right solution has as many outcomes as marks count, and passes with other numbers; not another task's.
+    """A right solution has `CHECKS` outcomes, and passes with other numbers, not another task's; a starter gets none.
 
     That it passes with the published numbers is a test of `test_exercises`.
     """
@@ -47,6 +46,7 @@ def test_marks_are_of_all_checks(number: int, monkeypatch) -> None:
     outcomes = check(number, solution(number))
     assert len(outcomes) == marks.CHECKS[number - 1]
     assert all(outcome.passed for outcome in outcomes) == (number not in grading.EXPONENTS)
+    assert marks.points(number, check(number, starters.starter(number, 5))) == 0
 
 
 def test_numbers_of_another_seed_are_others(monkeypatch) -> None:
@@ -81,9 +81,17 @@ def lamp_variance(t):
 
 
 MIRROR = HEAD + "def mirror(wo, n):\n    "
+BUSY = """
+import time
+began = time.process_time()
+for k in range(1, 13):
+    time.sleep(0.5)
+    while time.process_time() < began + 0.05 * k: pass
+"""
 SOLUTION = str(FOLDER / "solutions" / "01_mirror.py")
 DISHONEST = {
-    "hang_1": ("import time\nwhile True: time.sleep(9)", "did not finish in 1 s"),
+    "hang_1": ("import time\nwhile True: time.sleep(9)", "did not finish in 1 CPU s"),
+    "spin_1": ("while True: pass", "did not finish in 1 CPU s"),
     "exit-01": ("print('all 4 checks passed')\nimport sys\nsys.exit(0)", "raised SystemExit: 0"),
     "1_abrupt": ("import os\nos._exit(0)", "ended the process before"),
     "ann/01_mirror": (f"open({SOLUTION!r}).read()", "must not read the solutions"),
@@ -92,6 +100,7 @@ DISHONEST = {
     "large_01": (MIRROR + "return np.ones((3, 2**28)).sum() * wo", "MemoryError"),
     "broken_1": ("def mirror(:", "SyntaxError"),
     "essay": ("", "must have the number of an exercise, 1 to"),
+    "slow_1": (BUSY + MIRROR + "return 2 * n * dot(n, wo) - wo", ""),
     "=cmd_1": (MIRROR + "open('notes', 'w')\n    return 2 * dot(n, wo) * n - wo", ""),
 }
 """Names and texts of hand-ins of exercise 1, and their first failure."""

@@ -10,6 +10,6 @@ def mirror(wo, n):
     Parameters
     ----------
     wo, n
-        Unit vectors that point away from the surface, ``(3, N)``.
+        Unit vectors, ``(3, N)``; `wo` may point to either side of the surface.
     """
     raise NotImplementedError

@@ -1,17 +1,22 @@
 """Checks a hand-in in a separate process: one that ends, hangs or takes too much memory gets a verdict.
 
-The process has a time limit and a memory limit, an empty working folder, and a hook that refuses what no exercise
+The process has limits of CPU time and of memory, an empty working folder, and a hook that refuses what no exercise
 needs: files written elsewhere, the folder of solutions, other processes, the network. That stops carelessness and
 simple tricks. It is not a sandbox: check the work of strangers in a container.
 """
 
 from __future__ import annotations
 
+import math
 import os
+import resource
 import shutil
 import signal
 import sys
 import tempfile
+import threading
+import time
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -26,13 +31,15 @@ SOLUTIONS = Path(__file__).resolve().parent.parent / "solutions"
 REFUSED = ("subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.kill", "socket.connect")
 """Beginnings of the audit events of what no exercise needs."""
 CHANGES = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "shutil.rmtree")
+BUSY = 0.02
+"""Least CPU seconds per second of a hand-in that computes; one that only waits is ended."""
 LISTS = ("os.listdir", "os.scandir")
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a hand-in may take: seconds, gigabytes; `quiet`: what it prints is not shown."""
+    """What a hand-in may take: CPU seconds, gigabytes; `quiet`: what it prints is not shown."""
 
     seconds: float = 20.0
     memory: float = 2.0
@@ -54,12 +61,12 @@ def check_file(number: int, file: Path, seed: int = 0, limits: Limits = Limits()
     process.start()
     there.close()
     try:
-        if not here.poll(limits.seconds + 5):  # starting Python is not the hand-in's
-            why = f"it did not finish in {limits.seconds:g} s. Does a loop never end? --seconds allows more"
-            return [Outcome(f"exercise {number}", False, why)]
         result = here.recv()
     except EOFError:
+        process.join()
         why = f"{file.name} ended the process before its check was complete"
+        if process.exitcode in (-signal.SIGXCPU, -signal.SIGKILL):
+            why = f"it did not finish in {limits.seconds:g} CPU s. Does a loop never end? --seconds allows more"
         return [Outcome(f"exercise {number}", False, why)]
     finally:
         if process.is_alive():
@@ -82,7 +89,7 @@ def _report(number: int, file: Path, seed: int, limits: Limits, folder: str, the
         for stream in (0, 1, 2):
             os.dup2(null, stream)
     sys.dont_write_bytecode = True
-    _limit_memory(limits.memory)
+    _limit(limits)
     hidden = None if file.is_relative_to(SOLUTIONS) else SOLUTIONS  # the solutions are checked, too
     sys.addaudithook(lambda event, arguments: _audit(event, arguments, Path(folder).resolve(), hidden))
     try:
@@ -93,15 +100,22 @@ def _report(number: int, file: Path, seed: int, limits: Limits, folder: str, the
     there.send(result)
 
 
-def _limit_memory(gigabytes: float) -> None:
-    """Limit the memory of this process where the system can."""
-    try:
-        import resource
+def _limit(limits: Limits) -> None:
+    """Limit the memory and the CPU time of this process, and end it where it waits: a busy machine costs no marks."""
+    memory, seconds = int(limits.memory * 2**30), math.ceil(time.process_time() + limits.seconds)
+    with suppress(OSError, ValueError):  # some systems have no limit of memory
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    threading.Thread(target=_end_if_idle, args=(limits.seconds,), daemon=True).start()
 
-        limit = int(gigabytes * 2**30)
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-    except (ImportError, OSError, ValueError):
-        pass
+
+def _end_if_idle(seconds: float) -> None:
+    """End this process once it was not `BUSY` for so many seconds."""
+    used = -seconds
+    while time.process_time() > used + BUSY * seconds:
+        used = time.process_time()
+        time.sleep(seconds)
+    signal.raise_signal(signal.SIGKILL)
 
 
 def _audit(event: str, arguments: tuple, folder: Path, hidden: Path | None) -> None:

@@ -61,6 +61,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write the marks of --folder to FILE")
     parser.add_argument("--starter", help="print the starter of exercise N, with the parameters of --seed", **number)
     parser.add_argument("--seed", type=int, default=0, help="other numbers and parameters than the published (0)")
-    parser.add_argument("--seconds", type=float, default=20, help="time limit of a hand-in (default 20)")
+    parser.add_argument("--seconds", type=float, default=20, help="CPU seconds of a hand-in (default 20)")
     parser.add_argument("--memory", type=float, default=2, metavar="GB", help="its memory limit (default 2)")
     return parser

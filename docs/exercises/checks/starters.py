@@ -28,9 +28,8 @@ def starter(number: int, seed: int) -> str:
     if not seed:
         return text
     grading.SEED = seed
-    exponent = grading.exponent(number)
     for before, after in CHANGES.get(number, ()):
         if before not in text:
             raise ValueError(f"{path} must have the text {before!r}, which the seed changes")
-        text = text.replace(before, after.format(e=exponent))
+        text = text.replace(before, after.format(e=grading.exponent(number)))
     return text.replace(f"checks {number} mine.py", f"checks {number} mine.py --seed {seed}")
