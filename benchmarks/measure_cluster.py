@@ -60,7 +60,7 @@ def measure(size: tuple[int, int], tasks: int) -> Iterator[tuple[str, float]]:
             Client(cluster) as client,
         ):
             executor = client.get_executor(pure=False)
-            dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, parallel=executor)  # what is slow the first time
+            dmis.render(scene.crop((0, 0, 8, 8)), "balance", 4, parallel=executor)  # what is slow the first time
             result = dmis.render(scene, RULE, SPP, parallel=executor)
             assert (result.image == alone.image).all()
             yield from of_render("2 workers" if workers == 2 else "1 worker", result)

@@ -145,7 +145,7 @@ def draw_blocks(scene: Scene, settings: Settings, blocks: int, side: int) -> tup
 def cropped(scene: Scene, corner: np.ndarray, side: int) -> Scene:
     """Return a scene of a square of the image, from its top left pixel on."""
     y, x = corner.tolist()
-    return replace(scene, camera=scene.camera.crop((y, y + side), (x, x + side)))
+    return replace(scene, camera=scene.camera.crop((x, y, x + side, y + side)))
 
 
 def truth_of_blocks(scene: Scene, settings: Settings, blocks: int, side: int, spp: int = SPP) -> Truth:

@@ -17,6 +17,7 @@ import numpy as np
 
 from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
+from dmis.base.window import Window, window_area
 from dmis.image import tonemap
 
 try:
@@ -27,8 +28,6 @@ try:
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 except ImportError as missing:
     raise ImportError("figures need matplotlib: pip install 'dmis[plot]'") from missing
-Window = tuple[tuple[int, int], tuple[int, int]]
-"""Part of an image: first and end row, first and end column."""
 
 
 def canvas(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
@@ -50,9 +49,8 @@ def canvas(rows: int, columns: int, width: float, height: float, **options: Any)
 
 def picture(axis: Axes, image: Array, title: str = "", window: Window | None = None, exposure: float = 1.0) -> None:
     """Draw a linear RGB image ``(H, W, 3)``, or the `window` of it; coordinates are pixels, without ticks."""
-    rows, columns = window or ((0, image.shape[0]), (0, image.shape[1]))
-    pixels = tonemap(image[slice(*rows), slice(*columns)], exposure)
-    axis.imshow(pixels, extent=_extent(rows, columns), interpolation="nearest")
+    pixels = tonemap(image[window_area(window, image.shape[1::-1])], exposure)
+    axis.imshow(pixels, extent=_extent(window, image), interpolation="nearest")
     _pixels(axis, title)
 
 
@@ -61,8 +59,7 @@ def heat(axis: Axes, values: Array, title: str = "", window: Window | None = Non
 
     Returns the mappable for `Figure.colorbar`; `options` are those of ``Axes.imshow``.
     """
-    rows, columns = window or ((0, values.shape[0]), (0, values.shape[1]))
-    mappable = axis.imshow(values, extent=_extent(rows, columns), interpolation="nearest", **options)
+    mappable = axis.imshow(values, extent=_extent(window, values), interpolation="nearest", **options)
     _pixels(axis, title)
     return mappable
 
@@ -82,8 +79,8 @@ def weight_bar(
 
 def mark(axis: Axes, window: Window, colour: str, width: float = 2, gap: int = 0) -> None:
     """Draw a frame around a part of an image: a line of `width` points, `gap` pixels outside of the part."""
-    (top, bottom), (left, right) = window
-    corner, sides = (left - gap, top - gap), (right - left + 2 * gap, bottom - top + 2 * gap)
+    x0, y0, x1, y1 = window
+    corner, sides = (x0 - gap, y0 - gap), (x1 - x0 + 2 * gap, y1 - y0 + 2 * gap)
     axis.add_patch(Rectangle(corner, *sides, fill=False, edgecolor=colour, linewidth=width))
 
 
@@ -140,9 +137,10 @@ def tick_text(value: float, _: int = 0) -> str:
     return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
-def _extent(rows: tuple[int, int], columns: tuple[int, int]) -> tuple[float, float, float, float]:
-    """Return the extent of an image for ``Axes.imshow``, with y downwards."""
-    return columns[0], columns[1], rows[1], rows[0]
+def _extent(window: Window | None, values: Array) -> tuple[float, float, float, float]:
+    """Return the extent of a window for ``Axes.imshow``, with y downwards; without one that of the array."""
+    x0, y0, x1, y1 = window or (0, 0, values.shape[1], values.shape[0])
+    return x0, x1, y1, y0
 
 
 def _pixels(axis: Axes, title: str) -> None:

@@ -30,8 +30,8 @@ SIZE = 400
 BUDGETS = {"balance": 64, "thesis": 64, "auto": 20}
 """Samples per pixel, pilot included. One of `auto` costs more: most are where there is light to sample."""
 TITLES = {"balance": "balance heuristic", "thesis": "thesis's rule", "auto": "dmis: auto"}
-WINDOW = ((195, 275), (245, 345))
-"""Rows and columns that are enlarged: the board below the spout."""
+WINDOW = 245, 195, 345, 275
+"""The part that is enlarged, x0, y0, x1, y1: the board below the spout."""
 
 parser = argparse.ArgumentParser(description="three rules on one scene, in about the same CPU time")
 parser.add_argument("--seed", type=int, default=1)
@@ -82,11 +82,10 @@ for rule, result in results.items():
 # The picture: a part of each render, and how far the whole is from the reference, on one scale.
 figure, axes = plot.canvas(2, 3, 7, 4.75)
 top = np.quantile(np.sqrt(np.abs(squared["balance"])), 0.99)
-(row, end), (left, right) = WINDOW
 for (above, below), (rule, title) in zip(axes.T, TITLES.items(), strict=True):
     plot.picture(above, results[rule].image, title, WINDOW)
     plot.heat(below, np.sqrt(np.abs(squared[rule])), cmap="magma", vmin=0, vmax=top)
-    below.add_patch(plot.Rectangle((left, row), right - left, end - row, fill=False, color="white"))
+    plot.mark(below, WINDOW, "white", 1)
     above.title.set_fontsize(16)
     for axis in (above, below):
         axis.set(xticks=[], yticks=[], xlabel="", ylabel="")

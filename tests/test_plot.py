@@ -19,7 +19,7 @@ def test_coordinates_are_pixels():
     """A window keeps the pixel numbers of the whole image."""
     figure, axes = plot.canvas(1, 2, 6, 3)
     plot.picture(axes[0, 0], np.zeros((20, 30, 3)), "whole")
-    plot.picture(axes[0, 1], np.zeros((20, 30, 3)), "part", ((5, 10), (10, 25)))
+    plot.picture(axes[0, 1], np.zeros((20, 30, 3)), "part", (10, 5, 25, 10))
     assert axes[0, 0].get_xlim() == (0, 30) and axes[0, 0].get_ylim() == (20, 0)
     assert axes[0, 1].get_xlim() == (10, 25) and axes[0, 1].get_ylim() == (10, 5)
     assert axes[0, 1].get_title() == "part" and not len(axes[0, 1].get_xticks())

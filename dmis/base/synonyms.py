@@ -68,7 +68,7 @@ KEYWORDS = {
     "heuristics": 'rules=["balance", "fixed:0.5,combiner=power"]',
     "time": "seconds=",
     "time_limit": "seconds=",
-    "crop": "scene.crop(rows=(0, 8), columns=(0, 8))",
+    "crop": "scene.crop((x0, y0, x1, y1))",
     "threads": "parallel=",
     "workers": "parallel=",
     "executor": "parallel=",

@@ -6,7 +6,7 @@ import argparse
 
 from dmis.base.atomic_files import check_package, check_writable, replacing
 from dmis.cli.shared import say
-from dmis.experiment.compare import parse_rules
+from dmis.experiment.compare import split_rules
 from dmis.experiment.metrics import flip, mse, relmse
 from dmis.experiment.reference import load_reference
 from dmis.experiment.report.paper_table import paper_table
@@ -19,12 +19,12 @@ def figure(options: argparse.Namespace) -> int:
     check_writable(options.output)
     from dmis.experiment.report.figure import write_figure  # imported where used: it brings matplotlib
 
-    rules = parse_rules(options.rules) if options.rules else []
+    rules = split_rules(options.rules) if options.rules else []
     windows = write_figure(
-        read_comparison(options.folder), options.output, rules, _crops(options.crops), options.metric,
+        read_comparison(options.folder), options.output, rules, list(filter(None, options.crops)), options.metric,
         exposure=options.exposure, width=options.width, errors=options.errors,
     )  # fmt: skip
-    crops = " ".join(f"{left},{top},{right - left},{bottom - top}" for (top, bottom), (left, right) in windows)
+    crops = " ".join(",".join(map(str, window)) for window in windows)
     say(f"{options.output}: --crops {crops}")
     return 0
 
@@ -63,19 +63,3 @@ def diff(options: argparse.Namespace) -> int:
         write_error_map(image, reference, options.metric, options.output)
         say(options.output)
     return 0
-
-
-def _crops(texts: list[str] | None) -> list[tuple[int, int, int, int]]:
-    """Return the windows of the option ``--crops``; none for ``auto``."""
-    if texts is None or texts == ["auto"]:
-        return []
-    windows = []
-    for text in texts:
-        try:
-            x, y, w, h = map(int, text.split(","))
-        except ValueError:
-            raise ValueError(
-                f"--crops must be auto, or windows x,y,w,h in pixels such as 120,80,60,45; got {text!r}"
-            ) from None
-        windows.append((x, y, w, h))
-    return windows

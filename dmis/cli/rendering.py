@@ -19,7 +19,6 @@ from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.color import LUMINANCE
 from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of
 from dmis.estimator.settings import make_settings
-from dmis.experiment.reference import crop_area
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
 from dmis.pipeline.executor import Parallel, Processes
@@ -46,8 +45,7 @@ def render(options: argparse.Namespace) -> int:
     files = _check_files(options)
     scene = load(options)
     if options.crop is not None:
-        rows, columns = crop_area(options.crop, scene.camera.resolution)
-        scene = scene.crop((rows.start, rows.stop), (columns.start, columns.stop))
+        scene = scene.crop(options.crop)
     for path in files:
         check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
     with _executor(options) as parallel, progress_bar(options.quiet) as progress:

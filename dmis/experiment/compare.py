@@ -30,6 +30,14 @@ def parse_rules(text: str) -> list[str]:
     Commas also separate the options of a rule, ``name=value``; anything else begins a new rule. ``all`` stands for
     every rule with its defaults. A ValueError if something is no rule, or an option that its rule does not have.
     """
+    rules = split_rules(text)
+    for rule in rules:
+        make_rule(rule)
+    return rules
+
+
+def split_rules(text: str) -> list[str]:
+    """Return the rules of a text as `parse_rules` does, without a check: names of one's own need no plug-in."""
     rules: list[str] = []
     for item in map(str.strip, text.split(",")):
         is_option = "=" in item and ":" not in item.partition("=")[0]
@@ -39,8 +47,6 @@ def parse_rules(text: str) -> list[str]:
             rules[-1] += f",{item}"
         else:
             rules.append(item)
-    for rule in rules:
-        make_rule(rule)
     return list(dict.fromkeys(rules))
 
 
@@ -176,14 +182,14 @@ def summary(c: Comparison) -> str:
     the reference, or a pilot makes most of an image's error, see `dmis.experiment.alarm`.
     """
     over = [(f"{name} / balance", f"{name}·CPU s / balance") for name in MEASURES.values()]
-    titles = ["spp", "rule", "relMSE", *over[0], "MSE", *over[1], "seconds"]
+    titles = ["spp", "rule", "relMSE", *over[0], "MSE", *over[1], "CPU s"]
     titles += [f"{name}·CPU s / pinned" for name in MEASURES.values()]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     for g in gains(c.runs):
         cells = [str(g.spp), g.rule]
         for m in g.measures:
             cells += [f"{m.error:.3e}", m.over_balance.text(), m.error_time.text()]
-        cells += [f"{g.seconds:.2f}", *(m.error_time_over_pinned.text() for m in g.measures)]
+        cells += [f"{g.cpu_seconds:.2f}", *(m.error_time_over_pinned.text() for m in g.measures)]
         lines.append(f"| {' | '.join(cells)} |")
     for line in filter(None, [c.few_pixels(), *fallbacks(c.runs), c.window.text(), *c.alarms()]):
         lines += ["", line]

@@ -13,7 +13,7 @@ from dmis.experiment.metrics import holm_levels, log_ratio
 from dmis.experiment.runs import PINNED, Budget, Run, median_seconds
 
 Axis = Literal["spp", "rays", "seconds"]
-"""Axis that errors are plotted over: camera samples per pixel, rays, or wall seconds."""
+"""Axis that errors are plotted over: camera samples per pixel, rays, or CPU seconds."""
 Measure = Literal["relmse", "mse"]
 """Measure of error, a field of `dmis.experiment.runs.Run`."""
 MEASURES: dict[Measure, str] = {"relmse": "relMSE", "mse": "MSE"}
@@ -57,7 +57,7 @@ class ErrorRatios:
     error_time, error_time_over_pinned
         Ratios of means over seeds of error times CPU seconds.
     equal_time
-        Error over that of the balance heuristic in the same seconds.
+        Error over that of the balance heuristic in the same CPU seconds.
     extrapolated
         Whether these lie outside of the budgets that the balance heuristic was measured at.
     """
@@ -77,8 +77,8 @@ class Gain:
 
     Attributes
     ----------
-    seconds, cpu_seconds, overhead
-        Medians over seeds, and the share of the seconds that pilot and fit take.
+    cpu_seconds, overhead
+        Medians over seeds, and the share of the time that pilot and fit take.
     rays
         Mean over seeds.
     """
@@ -87,7 +87,6 @@ class Gain:
     spp: int
     relmse: ErrorRatios
     mse: ErrorRatios
-    seconds: float
     cpu_seconds: float
     overhead: float
     rays: float
@@ -101,7 +100,7 @@ class Gain:
 def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis, measure: Measure = "mse") -> tuple[Array, Array]:
     """Return the points of a rule's line of error against samples, rays or seconds, fewest samples first.
 
-    That is the values on the axis ``(B,)``, medians over seeds of seconds or means of rays, and errors by seed
+    That is the values on the axis ``(B,)``, medians over seeds of CPU seconds or means of rays, and errors by seed
     ``(K, B)``.
     """
     budgets = [by_seed for (name, _), by_seed in sorted(runs.items(), key=lambda item: item[0][1]) if name == rule]
@@ -191,8 +190,7 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
             spp=spp,
             relmse=relmse[rule, spp],
             mse=mse[rule, spp],
-            seconds=median_seconds(by_seed),
-            cpu_seconds=float(np.median([run.cpu_seconds for run in by_seed])),
+            cpu_seconds=median_seconds(by_seed),
             overhead=float(np.median([run.overhead / run.seconds for run in by_seed])),
             rays=float(np.mean([run.rays for run in by_seed])),
         )

@@ -174,14 +174,14 @@ def explain(
     (x, y), (width, height) = pair("pixel", pixel, whole), scene.camera.resolution
     if not (0 <= x < width and 0 <= y < height):
         raise ValueError(f"pixel must be (column, row), from (0, 0) to {width - 1, height - 1}; got {x, y}")
-    alone = scene.crop((y, y + 1), (x, x + 1)), whole("spp", spp, 2), seed
+    alone = scene.crop((x, y, x + 1, y + 1)), whole("spp", spp, 2), seed
     job, recorder = _record(*alone, settings)
     _, direct = _record(*alone, replace(settings, integrator="direct"))
     marks, sums = {"balance": 0.5}, recorder.sums()
     (left, right), (top, bottom) = (
         (max(0, at - REACH), min(size, at + REACH)) for at, size in ((x, width), (y, height))
     )
-    around = scene.crop((top, bottom), (left, right))
+    around = scene.crop((left, top, right, bottom))
     for rule in rules:
         weight = render(around, rule, RULE_SPP, seed=seed, settings=settings).weight
         marks[rule.partition(":")[0]] = float(weight[y - top, x - left])

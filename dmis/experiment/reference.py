@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,23 +86,6 @@ class Reference:
             f"Reference{samples}: standard error {np.sqrt(self.mse):.2g}, mean squared error {self.mse:.2g} "
             f"(by its two halves)."
         )
-
-
-def crop_area(crop: Sequence[int] | None, resolution: tuple[int, int]) -> tuple[slice, slice]:
-    """Return rows and columns of the window ``(x0, y0, x1, y1)`` in pixels, the last two excluded; None: the image.
-
-    A ValueError if it is empty or not inside of an image of `resolution` (width, height).
-    """
-    if crop is None:
-        return slice(None), slice(None)
-    width, height = resolution
-    x0, y0, x1, y1 = crop if len(crop) == 4 else (0, 0, 0, 0)
-    if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
-        raise ValueError(
-            f"crop must be x0, y0, x1, y1 in pixels with 0 <= x0 < x1 <= {width} and 0 <= y0 < y1 <= {height}, the "
-            f"size of the image; got {', '.join(map(str, crop))}"
-        )
-    return slice(y0, y1), slice(x0, x1)
 
 
 def make_reference(

@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 
 from dmis.base.validate import whole
+from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
-from dmis.experiment.reference import Reference, crop_area
+from dmis.experiment.reference import Reference
 from dmis.fit.registry import SHIPPED, make_rule
 from dmis.fit.rule import merge_settings
 from dmis.pipeline.executor import Parallel, Workers, worker_processes
@@ -117,7 +118,7 @@ def measure(
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
     options
         ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
-        `dmis.pipeline.render.render`. ``crop``: window of the errors (`dmis.experiment.reference.crop_area`).
+        `dmis.pipeline.render.render`. ``crop``: window of the errors (`dmis.base.window.window_area`).
 
     Returns
     -------
@@ -232,7 +233,7 @@ def _rule_and_settings(turn: Turn, settings: Settings) -> tuple[str, Settings]:
 def _run(turn: Turn, result: Result, cpu_seconds: float, reference: Reference, crop: Sequence[int] | None) -> Run:
     """Return the time and error of a result."""
     pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
-    area = crop_area(crop, result.image.shape[1::-1])
+    area = window_area(crop, result.image.shape[1::-1])
     image, reference = result.image[area], reference.cropped(area)
     mse, mse_error = mean_over_blocks(squared_error(image, reference))
     mean_z = alarm.mean_z(image, reference, turn[1])
@@ -243,8 +244,8 @@ def _run(turn: Turn, result: Result, cpu_seconds: float, reference: Reference, c
 
 
 def median_seconds(runs: Sequence[Run]) -> float:
-    """Return the median of the seconds of `runs`."""
-    return float(np.median([run.seconds for run in runs]))
+    """Return the median of the CPU seconds of `runs`."""
+    return float(np.median([run.cpu_seconds for run in runs]))
 
 
 def fallbacks(budgets: Iterable[Budget]) -> list[str]:

@@ -26,12 +26,13 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import naming, replacing
 from dmis.base.vectors import Array
+from dmis.base.window import window_area
 from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, Measure
 from dmis.experiment.metrics import mse, relative_error, relmse, share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import Reference, crop_area, load_reference
+from dmis.experiment.reference import Reference, load_reference
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import merge_settings
@@ -61,7 +62,7 @@ def conditions(
 ) -> dict[str, Any]:
     """Return what all rows of a table must share: scene, reference, crop, settings, executor, and the code of dmis."""
     settings = merge_settings(settings or Settings(), scene)[0]
-    crop_area(crop, scene.camera.resolution)  # a bad one is refused before anything is written
+    window_area(crop, scene.camera.resolution)  # a bad one is refused before anything is written
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {
         "dmis": __version__,
@@ -114,7 +115,7 @@ class Results:
         self.folder = folder
         self._path = folder / "results.csv"
         self.provenance: dict[Budget, Mapping[str, Any]] = {}
-        self._area = crop_area(about.get("crop"), about["resolution"])
+        self._area = window_area(about.get("crop"), about["resolution"])
         self._least = dict.fromkeys(("mse", "relmse", "mean_z"), -math.inf)
         if reference is not None:  # (x - r1)(x - r2) is least where x is the mean of both
             window = reference.cropped(self._area)
@@ -316,7 +317,7 @@ class Comparison:
     @property
     def area(self) -> tuple[slice, slice]:
         """Rows and columns of the image of which errors were measured."""
-        return crop_area(self.about.get("crop"), self.reference.first.shape[1::-1])
+        return window_area(self.about.get("crop"), self.reference.first.shape[1::-1])
 
     @property
     def window(self) -> Reference:

@@ -15,6 +15,7 @@ from warnings import warn
 from dmis import __version__
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
+from dmis.base.window import Window
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.settings import Settings
 from dmis.fit.auto import Auto
@@ -25,7 +26,7 @@ from dmis.fit.rule import Rule, check_settings, merge_settings, rule_text
 from dmis.fit.sample_numbers import LEVELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
-from dmis.pipeline.window import Window, window_of
+from dmis.pipeline.window import window_of
 from dmis.scene.scene import Scene, SceneWarning
 
 DEFAULT_SPP = 128

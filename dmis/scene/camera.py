@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from dmis.base.validate import FARTHEST, direction, number, one_of, pair, whole
 from dmis.base.vectors import TINY, Array, dot, normalise
+from dmis.base.window import window_area
 from dmis.geometry import transforms
 from dmis.geometry.mesh import Mesh
 from dmis.image import check_size
@@ -81,18 +82,15 @@ class Camera:
                 f"a crop must lie inside its frame of {wide}x{high}; got {width}x{height} at column {left}, row {top}"
             )
 
-    def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Camera:
-        """Return a camera of the pixels ``rows[0]`` to ``rows[1] - 1``, and columns alike, of this one's image."""
-        (top, bottom), (left, right) = pair("rows", rows, whole), pair("columns", columns, whole)
-        width, height = self.resolution
-        if not (0 <= top < bottom <= height and 0 <= left < right <= width):
-            raise ValueError(
-                f"a crop must have pixels and lie inside the image of {width}x{height}; got rows {top} to {bottom}, "
-                f"columns {left} to {right}"
-            )
-        corner = self.corner[0] + left, self.corner[1] + top
-        frame = self.frame or self.resolution
-        return replace(self, resolution=(right - left, bottom - top), corner=corner, frame=frame)
+    def crop(self, window: Sequence[int] = (), *columns: Any, **old: Any) -> Camera:
+        """Return a camera of a window ``(x0, y0, x1, y1)`` of this one's image; the last two are excluded.
+
+        A ValueError if it is another notation, such as rows and columns, empty, or not inside of the image.
+        """
+        rows, of_columns = window_area((window, columns) if columns else old or window, self.resolution)
+        corner = self.corner[0] + of_columns.start, self.corner[1] + rows.start
+        resolution = of_columns.stop - of_columns.start, rows.stop - rows.start
+        return replace(self, resolution=resolution, corner=corner, frame=self.frame or self.resolution)
 
     @property
     def uncropped(self) -> Camera:

@@ -127,13 +127,13 @@ class Scene:
         """Return the fields, which are pickled; tables and the Embree handle are rebuilt where they are used."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Scene:
-        """Return the scene seen through a window of the image, see `dmis.scene.camera.Camera.crop`.
+    def crop(self, *window: Any, **old: Any) -> Scene:
+        """Return the scene seen through a window ``(x0, y0, x1, y1)``, see `dmis.scene.camera.Camera.crop`.
 
         With fixed shares the window has the same bits as in the whole image; to a rule that learns it is an image of
         its own (`dmis.pipeline.job.Job.window`). Plan, tables and Embree are those of this scene.
         """
-        return self.seen_by(self.camera.crop(rows, columns))
+        return self.seen_by(self.camera.crop(*window, **old))
 
     @cached_property
     def uncropped(self) -> Scene:

@@ -154,7 +154,7 @@ for code, meaning in STATUS.items():
 # blue patches light samples count more, in red patches BRDF samples.
 filtered = gaussian(raw)
 figure, axes = plt.subplots(1, 2, figsize=(11, 4.8), layout="constrained")
-window = (0, SIDE), (0, SIDE)
+window = 0, 0, SIDE, SIDE
 plot.weights(axes[0], raw, "minima of the parabolas", window)
 shown = plot.weights(axes[1], filtered, "after the filter", window)
 plot.weight_bar(figure, shown, axes, "weight w of the heuristic")
@@ -204,7 +204,7 @@ print(f"z of the mean of the image: {difference / error:.2f}")
 #    \left( a_k - \frac{\bar a}{\bar b}\, b_k \right)^2 }
 #
 # The function `ratio` computes a 95 % interval of the ratio, with Student's t.
-below = scene.crop((SIDE * 2 // 5, SIDE), (0, SIDE))
+below = scene.crop((0, SIDE * 2 // 5, SIDE, SIDE))
 reference = dmis.make_reference(below, 64)
 shares = f"thesis:weigh=samples,patch={PATCH}"
 budgets = [("balance", 32), (rule, 32), (shares, 32)]

@@ -67,7 +67,7 @@ for side in (4, 8, 16):
 plates = dmis.load_scene("veach-mis", resolution=RESOLUTION)
 scale = RESOLUTION[0] / 480
 top = int(64 * scale)
-plates = plates.crop((top, RESOLUTION[1]), (0, RESOLUTION[0]))
+plates = plates.crop((0, top, *RESOLUTION))
 oracle = dmis.make_oracle(plates, 32, PATCH)
 place = tuple(
     slice(int((a * scale - offset) // PATCH), int((b * scale - offset) // PATCH))
@@ -153,7 +153,7 @@ figure, axes = plt.subplots(1, 3, figsize=(15, 3.6), layout="constrained")
 width, height = plates.camera.resolution
 for axis, (rule, weight) in zip(axes, learned.items()):
     plot.weights(axis, weight, rule.partition(":")[0])
-window = (0, height), (0, width)
+window = 0, 0, width, height
 shown = plot.weights(axes[2], oracle.best(), "oracle", window)
 plot.weight_bar(figure, shown, axes)
 for rule, weight in learned.items():

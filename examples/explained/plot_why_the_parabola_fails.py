@@ -92,7 +92,7 @@ for patch, (value, half) in ratios.items():
 # are zero. Let the fraction h of the BRDF samples hit the lamp. A patch of P pixels
 # with n samples each has no hit with probability (1 - h)^(P n).
 room = opts.scene("killeroo-diffuse", opts.pick(16, 4, 1))
-wall = room.crop(*window(room, (0.02, 0.27), (0, 0.187)))
+wall = room.crop(window(room, (0, 0.02, 0.187, 0.27)))
 truth = luminance(
     dmis.render(wall, "balance", opts.pick(32, 128), seed=1, preset="thesis").image
 )
@@ -128,7 +128,7 @@ for spp, shares in missed.items():
 figure = print_canvas(1, 1, 5.6)[0]
 figure.clear()
 top, bottom = figure.subfigures(2, 1, height_ratios=[1.75, 1])
-axes, part = top.subplots(2, 3), window(scene, (0.5, 0.95), (0.1, 0.5))
+axes, part = top.subplots(2, 3), window(scene, (0.1, 0.5, 0.5, 0.95))
 for k, patch in enumerate(PATCHES):
     value, half = ratios[patch]
     shown = plot.weights(

@@ -36,7 +36,7 @@ for column, name in zip(axes.T, SCENES, strict=True):
     result = dmis.render(scene, "auto", opts.pick(8, 32), seed=1, parallel=opts.threads)
     plot.picture(column[0], result.image, name)
     height, width = oracle.variance.shape[1:]
-    covered = (0, height * oracle.patch), (0, width * oracle.patch)
+    covered = 0, 0, width * oracle.patch, height * oracle.patch
     shown = plot.weights(column[1], oracle.best(), "", covered)
     best = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
     sentence = [f"{name}: best {best:.2f} of w = 1/2"]

@@ -67,7 +67,7 @@ def measure(case):
     scene.prepare()
     built = time.process_time()
     # what is slow the first time
-    dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, parallel=1)
+    dmis.render(scene.crop((0, 0, 8, 8)), "balance", 4, parallel=1)
     before, wall = time.process_time(), time.perf_counter()
     dmis.render(scene, "balance", spp, seed=1, parallel=1)
     seconds, wall = time.process_time() - before, time.perf_counter() - wall

@@ -23,6 +23,7 @@ from matplotlib.ticker import LogFormatter
 from dmis import plot
 from dmis.base.atomic_files import check_writable
 from dmis.base.vectors import Array
+from dmis.base.window import Window
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.experiment.reference import Reference, make_reference
 from dmis.experiment.runs import Budget, Run
@@ -248,10 +249,11 @@ def name_rows(axes: Array, names: Sequence[str]) -> None:
         axis.set_ylabel(name, fontsize="medium")
 
 
-def window(scene: Scene, rows: tuple[float, float], columns: tuple[float, float]) -> plot.Window:
-    """Return a window, given in shares of the image, in pixels."""
+def window(scene: Scene, shares: tuple[float, float, float, float]) -> Window:
+    """Return a window ``(x0, y0, x1, y1)``, given in shares of the image, in pixels."""
     width, height = scene.camera.resolution
-    return (round(rows[0] * height), round(rows[1] * height)), (round(columns[0] * width), round(columns[1] * width))
+    x0, y0, x1, y1 = shares
+    return round(x0 * width), round(y0 * height), round(x1 * width), round(y1 * height)
 
 
 class Errors(dict[Budget, Array]):

@@ -54,7 +54,7 @@ print(f"ratio {factor:.1f} ± {half:.1f}, expected {many / few:.0f}")
 # %%
 # Left: the images. Middle: the framed part, where the noise shows. Right: the error, on
 # one logarithmic scale: a factor of four less is the same step everywhere.
-part = window(scene, (0.42, 0.72), (0.6, 0.9))
+part = window(scene, (0.6, 0.42, 0.9, 0.72))
 figure, axes = print_canvas(2, 3, 4.5)
 scale = LogNorm(1e-3, plot.shared_scale([np.sqrt(np.abs(errors[few]))]))
 for line, letter, (n, image) in zip(axes, "ab", images.items(), strict=True):

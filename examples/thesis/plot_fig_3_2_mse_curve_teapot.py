@@ -28,8 +28,8 @@ CORNERS = {"red": (0.6, 0.8), "blue": (0.235, 0.6)}
 patches = {}
 for colour, corner in CORNERS.items():
     top, left = np.round(corner * np.array(scene.camera.resolution[::-1])).astype(int)
-    patches[colour] = (top, top + PATCH), (left, left + PATCH)
-crops = {colour: scene.crop(*patch) for colour, patch in patches.items()}
+    patches[colour] = left, top, left + PATCH, top + PATCH
+crops = {colour: scene.crop(patch) for colour, patch in patches.items()}
 
 
 # %%

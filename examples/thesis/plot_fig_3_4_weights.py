@@ -114,7 +114,7 @@ fine = np.linspace(0, 1, 200)
 for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     image = np.mean([pilot.image for pilot in pilots[name]], axis=0)
     row, column = (np.array(FRAMED[name]) * weight.shape).astype(int)
-    corner = PATCH * row, PATCH * column
+    x, y = PATCH * column, PATCH * row
     plot.picture(line[0], image)
     status = whole(status, name)
     title = f"minimum in [0, 1]: {np.mean(status == 0):.0%}"
@@ -123,7 +123,7 @@ for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     per_pixel = patch_spread(weight, PATCH, image.shape[:2])
     shown = plot.weights(line[1], per_pixel, title)
     for axis in line[:2]:
-        plot.mark(axis, tuple((k, k + PATCH) for k in corner), "black", 1, PATCH // 3)
+        plot.mark(axis, (x, y, x + PATCH, y + PATCH), "black", 1, PATCH // 3)
     y = variances[name][:, row, column] / variances[name][1, row, column]
     line[2].plot(fine, np.polyval(np.polyfit(STRATEGIES, y, 2), fine), "k--")
     line[2].plot(STRATEGIES, y, "ks")

@@ -14,6 +14,7 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.window import window_area
 from dmis.examples.gallery import (
     SCENES,
     WEIGHT,
@@ -28,9 +29,9 @@ from dmis.filter import gaussian
 opts, _ = options("plot_fig_3_5_filter", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
-CROPS = {  # rows and columns, in shares of the image
-    "teapot-area-light": ((0.16, 0.36), (0.3, 0.5)),
-    "killeroo-diffuse": ((0.37, 0.57), (0.38, 0.58)),
+CROPS = {  # x0, y0, x1, y1 in shares of the image
+    "teapot-area-light": (0.3, 0.16, 0.5, 0.36),
+    "killeroo-diffuse": (0.38, 0.37, 0.58, 0.57),
 }
 
 # %%
@@ -133,11 +134,11 @@ for name, scene in scenes.items():
 figure, axes = print_canvas(4, 3, 7.9, height_ratios=[1, 1, 0.75, 0.75])
 letters = ("ac", "bd", "eg", "fh")
 for line, (whole, framed), (name, title) in zip(axes, letters, maps, strict=True):
-    part = window(scenes[name], *CROPS[name])
+    part = window(scenes[name], CROPS[name])
     value, half = ratios[name, title]
     shown = plot.weights(line[0], maps[name, title], f"({whole}) {title}")
     plot.mark(line[0], part, "black", 1.2)
-    inside = maps[name, title][slice(*part[0]), slice(*part[1])]
+    inside = maps[name, title][window_area(part, scenes[name].camera.resolution)]
     plot.weights(line[1], inside, f"({framed}) part of ({whole})", part)
     image = f"image by ({whole}): MSE × {value:.2f} ± {half:.2f}"
     plot.picture(line[2], final[name, title].image, image, part)

@@ -17,6 +17,7 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.window import window_area
 from dmis.examples.gallery import WEIGHT, options, print_canvas, window
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
@@ -122,12 +123,11 @@ print(
 # it. Bottom: the car, and ratios of errors patch by patch, orange where the first is
 # worse.
 figure, axes = print_canvas(2, 3, 4)
-zoom = window(scene, (0.3, 0.75), (0.3, 0.75))
+zoom = window(scene, (0.3, 0.3, 0.75, 0.75))
 whole = patch_spread(raw, PATCH, (height, width))
 plot.weights(axes[0, 0], whole, "(a) weights from the fit")
-plot.weights(
-    axes[0, 1], whole[slice(*zoom[0]), slice(*zoom[1])], "(b) framed part of (a)", zoom
-)
+inside = whole[window_area(zoom, (width, height))]
+plot.weights(axes[0, 1], inside, "(b) framed part of (a)", zoom)
 shown = plot.weights(axes[0, 2], weight, "(c) after the 5x5 Gaussian")
 plot.picture(axes[1, 0], images[0], f"(d) balance, {opts.spp} samples")
 for axis in axes[:, 0]:

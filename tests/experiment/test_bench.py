@@ -97,7 +97,7 @@ def test_samples_of_a_window() -> None:
     """They are those of the whole image, by the numbers of the window's pixels."""
     scene = shared_scene("cornell", (70, 40))
     options = {"spp": 4, "integrator": "path"}
-    of_window = dmis.samples(scene.crop((30, 37), (29, 60)), xy=[(5, 6)], **options)
+    of_window = dmis.samples(scene.crop((29, 30, 60, 37)), xy=[(5, 6)], **options)
     of_whole = dmis.samples(scene, xy=[(34, 36)], **options)
     np.testing.assert_array_equal(of_window.f, of_whole.f)
     assert set(of_window.pixel) == {6 * 31 + 5} and of_window.shape == (7, 31)

@@ -366,7 +366,7 @@ def test_an_image_on_a_mesh_without_texture_coordinates_warns():
         ) as caught:
             scene = load_scene(bare, (4, 4), material=material)
         assert len(caught) == 1 and f"(the first: {material.name}, 12 triangles)" in str(caught[0].message)
-    render(scene.crop((0, 2), (0, 4)), "balance", 2, parallel=1)
+    render(scene.crop((0, 0, 4, 2)), "balance", 2, parallel=1)
     assert scene.plan.groups
     pickle.loads(pickle.dumps(scene))
     with pytest.warns(SceneWarning, match="texture coordinates"):

@@ -56,7 +56,7 @@ def test_layers_sum_to_the_image(name: str, rule: str, options: dict[str, object
 def test_layers_in_units_of_the_scene() -> None:
     """Of a scene that float32 holds in other units, and of a window, which is an image of its own."""
     lamp = replace(ABOVE, radiance=(5e12, 4e12, 3e12))
-    scene = box_scene(dmis.matte(0.5), (lamp,), resolution=(9, 7)).crop((1, 6), (2, 9))
+    scene = box_scene(dmis.matte(0.5), (lamp,), resolution=(9, 7)).crop((2, 1, 9, 6))
     result = dmis.render(scene, "balance", 8, layers=["direct", "depth"], integrator="direct")
     np.testing.assert_allclose(result.layers["direct"], result.image, rtol=1e-5)
     assert result.layers["depth"].shape == (5, 7) and result.image.max() > 1e10

@@ -73,7 +73,7 @@ def test_tiles_have_the_maps_of_their_pixels():
 
 def test_crop_is_a_part_of_the_image(box):
     """Pixels of a crop have the same means as those of the whole image: |z| of their average below 4."""
-    crop = box.crop((4, 20), (8, 25))
+    crop = box.crop((8, 4, 25, 20))
     assert crop.camera.resolution == (17, 16) and crop.intersector is box.intersector
     part, whole = (
         dmis.render(scene, "balance", 256, seed=seed, sampler="independent") for seed, scene in ((1, crop), (2, box))
@@ -94,21 +94,16 @@ def test_crop_is_a_part_of_the_image(box):
         ("direct", "balance", {"preset": "thesis"}),
     ],
 )
-@pytest.mark.parametrize("window", [((3, 4), (0, 1)), ((31, 34), (17, 70)), ((0, 40), (65, 75))])
+@pytest.mark.parametrize("window", [(0, 3, 1, 4), (17, 31, 70, 34), (65, 0, 75, 40)])
 def test_window_has_the_bits_of_the_whole_image(integrator, rule, options, window):
     """At odd places and across tiles, and through a window of a window; its deviation, and its checkpoint, too."""
     scene, settings = shared_scene("cornell", (75, 40)), {"integrator": integrator, **options}
     whole = dmis.render(scene, rule, 32, seed=2, parallel=1, **settings)
-    rows, columns = window
-    part = dmis.render(
-        scene.crop((rows[0], 40), (0, columns[1])).crop((0, rows[1] - rows[0]), (columns[0], columns[1])),
-        rule,
-        32,
-        seed=2,
-        **settings,
-    )
+    x0, y0, x1, y1 = window
+    inside = scene.crop((0, y0, x1, 40)).crop((x0, 0, x1, y1 - y0))
+    part = dmis.render(inside, rule, 32, seed=2, **settings)
     for name in ("image", "deviation"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[slice(*rows), slice(*columns)])
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[y0:y1, x0:x1])
     assert part.samples.shape == part.image.shape[:2]
     assert part.provenance["window"] == "the same pixels as in the whole image"
 
@@ -116,13 +111,13 @@ def test_window_has_the_bits_of_the_whole_image(integrator, rule, options, windo
 def test_window_that_doubles_its_samples(box):
     """Doubling joins the same samples as in the whole image; a checkpoint of a window resumes."""
     whole = dmis.render(box, "balance", 64, noise=0, parallel=1)
-    part = dmis.render(box.crop((5, 20), (1, 30)), "balance", 64, noise=0, parallel=1)
+    part = dmis.render(box.crop((1, 5, 30, 20)), "balance", 64, noise=0, parallel=1)
     np.testing.assert_array_equal(part.image, whole.image[5:20, 1:30])
 
 
 def test_window_is_an_image_of_its_own_to_rules_that_learn(box):
     """They say so; no film of theirs has pixels outside."""
-    crop = box.crop((0, 12), (0, 8))
+    crop = box.crop((0, 0, 8, 12))
     result = dmis.render(crop, "thesis", 16)
     assert "an image of its own" in result.provenance["window"] and result.rays["camera"] <= 16 * 12 * 8
     alone = dmis.render(replace(crop, camera=replace(crop.camera, frame=None, corner=(0, 0))), "balance", 1)
@@ -138,7 +133,7 @@ def test_the_default_rule_learns_where_that_pays(box):
     for s, rule in ((3, "balance"), (50, "auto"), (52, "balance")):
         settings = dmis.Settings(shading_samples=s)
         with nullcontext() if rule == "auto" else pytest.warns(SceneWarning, match="must be"):
-            assert dmis.render(box.crop((0, 8), (0, 8)), spp=16, settings=settings).provenance["rule"] == rule
+            assert dmis.render(box.crop((0, 0, 8, 8)), spp=16, settings=settings).provenance["rule"] == rule
 
 
 def test_pilot_counts_in_the_budget(box):

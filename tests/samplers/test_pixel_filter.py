@@ -130,7 +130,7 @@ def test_another_filter_is_another_scene() -> None:
     camera = replace(scene.camera, filter=PixelFilter())
     filtered = replace(scene, camera=camera)
     assert fingerprint(scene) != fingerprint(filtered)
-    assert camera.crop((0, 4), (2, 6)).filter == PixelFilter()
+    assert camera.crop((2, 0, 6, 4)).filter == PixelFilter()
     auto, balance = (
         [dmis.render(filtered, rule, 32, seed=k, parallel=1).image.mean() for k in range(first, first + 30)]
         for rule, first in (("auto", 0), ("balance", 100))

@@ -136,7 +136,7 @@ def test_look_at_without_a_direction(eye: Any, target: Any, up: Any, message: st
 
 def test_numbers_of_numpy_become_pythons() -> None:
     """So that a resolution can be written as JSON, and the same camera has the same hash."""
-    camera = Camera(IDENTITY, 50.0, np.array([8, 6])).crop(np.array([1, 5]), (np.int64(2), 4.0))  # type: ignore[arg-type]
+    camera = Camera(IDENTITY, 50.0, np.array([8, 6])).crop(np.array([2.0, 1, 4, 5]))  # type: ignore[arg-type]
     assert (camera.resolution, camera.corner, camera.frame) == ((2, 4), (2, 1), (8, 6))
     assert {type(n) for n in (*camera.resolution, *camera.corner, *(camera.frame or ()))} == {int}
 
@@ -144,8 +144,8 @@ def test_numbers_of_numpy_become_pythons() -> None:
 def test_crop_sees_the_same_rays() -> None:
     """A ray through a crop, and through a crop of a crop, is that of the whole image, corner added."""
     whole = Camera(np.diag([-1.0, 1, 1, 1]), 50.0, (100, 60))
-    crop = whole.crop((10, 40), (30, 90))
-    inner = crop.crop((5, 6), (0, 7))
+    crop = whole.crop((30, 10, 90, 40))
+    inner = crop.crop((0, 5, 7, 6))
     assert crop.resolution == (60, 30) and inner.resolution == (7, 1)
     x, y = np.random.default_rng(2).random((2, 50), dtype=np.float32) * [[7], [1]]
     x, y = x.astype(np.float32), y.astype(np.float32)
@@ -153,24 +153,25 @@ def test_crop_sees_the_same_rays() -> None:
     np.testing.assert_allclose(inner.rays(x, y), whole.rays(x + 30, y + 15), atol=3e-7)
 
 
-@pytest.mark.parametrize("rows, columns", [((0, 61), (0, 1)), ((5, 5), (0, 1)), ((0, 1), (-1, 3)), ((0, 1), (99, 101))])
-def test_bad_crops(rows: tuple[int, int], columns: tuple[int, int]) -> None:
-    """A crop has pixels and lies inside."""
-    with pytest.raises(ValueError, match="a crop must have pixels and lie inside the image of 100x60"):
-        Camera(IDENTITY, 50.0, (100, 60)).crop(rows, columns)
-
-
 @pytest.mark.parametrize(
-    "rows, columns, message",
+    "windows, old",
     [
-        ((0, 2.5), (0, 2), "rows must be a whole number; got 2.5"),
-        ((0, 2), (0, np.nan), "columns must be a whole number; got nan"),
-        (2, (0, 2), "rows must be two numbers; got 2"),
+        ([(0, 0, 1, 61)], {}),
+        ([(0, 5, 1, 5)], {}),
+        ([(-1, 0, 3, 1)], {}),
+        ([(99, 0, 101, 1)], {}),
+        ([(0, 0, 2.5, 2)], {}),
+        ([(0, 0, 2, np.nan)], {}),
+        ([(50, 20, 30, 20)], {}),  # x, y, width, height
+        ([(0, 8), (0, 8)], {}),
+        ([], {"rows": (0, 8), "columns": (0, 8)}),
+        ([2], {}),
     ],
 )
-def test_crops_that_are_none(rows: Any, columns: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Camera(IDENTITY, 50.0, (100, 60)).crop(rows, columns)
+def test_bad_windows(windows: Any, old: Any) -> None:
+    """A window has pixels, lies inside, and is not in another notation."""
+    with pytest.raises(ValueError, match=r"a window must be \(x0, y0, x1, y1\) in pixels with 0 <= x0 < x1 <= 100 "):
+        Camera(IDENTITY, 50.0, (100, 60)).crop(*windows, **old)
 
 
 def test_bad_frame() -> None:
@@ -270,7 +271,7 @@ def test_orthographic_rays_are_parallel() -> None:
     expected = eye + np.outer(x / 2 - 2, right) + np.outer(1 - y / 2, up)
     np.testing.assert_allclose(origin.T, expected, atol=1e-6)
     np.testing.assert_allclose(direction, np.repeat(forward[:, None], 4, axis=1), atol=1e-6)
-    part = camera.crop((1, 3), (2, 6))
+    part = camera.crop((2, 1, 6, 3))
     np.testing.assert_allclose(part.lens_rays(x, y)[0], camera.lens_rays(x + 2, y + 1)[0], atol=1e-6)
 
 
@@ -282,7 +283,7 @@ def test_spherical_rays_go_all_around() -> None:
     np.testing.assert_allclose(direction.T, axes, atol=1e-6)
     np.testing.assert_allclose(origin, np.repeat(eye[:, None], 5, axis=1), atol=1e-6)
     np.testing.assert_allclose(
-        camera.crop((1, 4), (3, 8)).lens_rays(x, y)[1], camera.lens_rays(x + 3, y + 1)[1], atol=1e-6
+        camera.crop((3, 1, 8, 4)).lens_rays(x, y)[1], camera.lens_rays(x + 3, y + 1)[1], atol=1e-6
     )
 
 

@@ -266,7 +266,7 @@ def test_rules_do_not_see_the_difference(rule: str) -> None:
     for name in ("image", "variance", "weight", "samples"):
         np.testing.assert_array_equal(getattr(results[0], name), getattr(results[1], name))
     assert results[0].rays["camera"] < 0.7 * results[1].rays["camera"] and UNTRACED not in results[0].rays
-    crops = [one.crop((10, 35), (20, 60)) for one in (scene, everything(scene))]
+    crops = [one.crop((20, 10, 60, 35)) for one in (scene, everything(scene))]
     crops[1] = everything(crops[1])
     images = [dmis.render(one, rule, 16, seed=2, parallel=1).image for one in crops]
     np.testing.assert_array_equal(*images)
@@ -284,7 +284,7 @@ def test_visible_triangles_are_never_left_out(seed: int) -> None:
     eye, target = rng.normal(size=(2, 3)) * 2 + offset
     camera = Camera.look_at(tuple(eye), tuple(target), fov=float(rng.uniform(5, 150)), resolution=(48, 32))
     if seed % 2:
-        camera = camera.crop((5, 27), (11, 40))
+        camera = camera.crop((11, 5, 40, 27))
     scene = Scene(camera, (Part(mesh, matte()),), (PointLight(tuple(eye), (1, 1, 1)),))
     width, height = camera.resolution
     x, y = (rng.random(200_000, dtype=np.float32) * n for n in (width, height))

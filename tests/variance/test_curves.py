@@ -96,7 +96,7 @@ def test_curves_predict_paths() -> None:
         Part(quad((-4, 1, 0), (8, 0, 0), (0, 0, 4)), matte((0.8, 0.3, 0.2))),
         Part(quad((-1.5, -4, 0), (0, 8, 0), (0, 0, 4)), plastic((0.2, 0.5, 0.3), 0.4, 0.02)),
     )
-    room = box_scene(plastic(0.5, 0.3, 0.02), (lamp,), walls, resolution=(24, 24)).crop((8, 24), (0, 24))
+    room = box_scene(plastic(0.5, 0.3, 0.02), (lamp,), walls, resolution=(24, 24)).crop((0, 8, 24, 24))
     paths = dmis.Settings(integrator="path", max_depth=4, sampler="independent")
     rule = SecondMoment(patch=32, spp=512, filter="none")
     predicted = dmis.render(room, rule, 513, settings=paths).maps["variances"][:, 0, 0]
@@ -146,7 +146,7 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
 
     Both are means over a part of the floor, where all variance comes from the shading samples.
     """
-    floor = box.crop((18, 24), (0, 10))
+    floor = box.crop((0, 18, 10, 24))
     rule = SecondMoment(patch=32, spp=256, filter="none", combiner=combiner)
     fits = [
         dmis.render(floor, rule, 257, seed=s, sampler="independent").maps["variances"].mean(axis=(1, 2))

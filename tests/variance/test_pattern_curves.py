@@ -30,7 +30,7 @@ def plain(pixels: int, shading_samples: int) -> Curves:
 
 def test_colours_add_up_to_the_curves(box: dmis.Scene) -> None:
     """In patches that the tile cuts, too."""
-    scene = box.crop((0, 22), (0, 30))
+    scene = box.crop((0, 0, 30, 22))
     settings = Settings(shading_samples=4, integrator="direct", sampler="sobol")
     by_colour, whole, rounded = (
         render_tile(scene, image_tile(scene, 1, Round(8, pixel_shares(0.5), settings, statistic))).sums

@@ -122,7 +122,7 @@ def samples(
     job = resolve(scene, Fixed(weight), spp, seed, make_settings(settings, **options))
     height, width = shape = job.budget.shape
     chosen = _pixel_numbers(pixels, xy, height, width)
-    (top, _), (left, _) = job.window or ((0, height), (0, width))
+    left, top, _, _ = job.window or (0, 0, width, height)
     resolution = job.scene.camera.resolution  # of a window, that of the whole image
     recorder, rays = _Recorder(weight, job.settings.shading_samples), Counter[str]()
     for tile in make_tiles(resolution, seed, 0, next(job.rule.rounds(job.budget))):

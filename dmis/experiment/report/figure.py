@@ -6,6 +6,7 @@ and images have their own pixels.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,9 +22,10 @@ from dmis import plot
 from dmis.base.atomic_files import replacing
 from dmis.base.validate import did_you_mean, one_of
 from dmis.base.vectors import Array
+from dmis.base.window import Window, window_area
 from dmis.experiment.convergence import METRICS, Gain, gains
 from dmis.experiment.metrics import flip, relative_error, squared_error
-from dmis.experiment.reference import Reference, crop_area
+from dmis.experiment.reference import Reference
 from dmis.experiment.report.comparer import show
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
@@ -109,8 +111,8 @@ def error_map(image: Array, reference: Reference | Array, metric: str = "relmse"
 
 
 def _lines(gain: Gain, metric: str, errors: Array) -> tuple[str, ...]:
-    """Return what is written below a rule: its error, that over balance's with its interval, and seconds."""
-    seconds = f"{gain.seconds:.3g} s"
+    """Return what is written below a rule: its error, that over balance's with its interval, and CPU seconds."""
+    seconds = f"{gain.cpu_seconds:.3g} CPU s"
     if metric == "flip":
         return f"FLIP {errors.mean():.3f}", seconds
     measure = gain.relmse if metric == "relmse" else gain.mse
@@ -122,7 +124,7 @@ def _lines(gain: Gain, metric: str, errors: Array) -> tuple[str, ...]:
     return (*lines, seconds)
 
 
-def automatic_crops(maps: Sequence[Array], number: int = 2) -> list[plot.Window]:
+def automatic_crops(maps: Sequence[Array], number: int = 2) -> list[Window]:
     """Return the windows in which the rules' errors ``(H, W)`` differ most, and which do not touch.
 
     Of each window the root of its mean error by each rule is taken, without the 0.1 % of the pixels of largest error.
@@ -143,30 +145,26 @@ def automatic_crops(maps: Sequence[Array], number: int = 2) -> list[plot.Window]
     difference = np.ptp(roots, axis=0) if len(maps) > 1 else roots[0]
     # corners of windows that lie in the image
     difference = difference[h // 2 : height - h + h // 2 + 1, w // 2 : width - w + w // 2 + 1].copy()
-    windows: list[plot.Window] = []
+    windows: list[Window] = []
     for _ in range(number):
         y, x = np.unravel_index(int(difference.argmax()), difference.shape)
         if difference[y, x] < 0:
             break
-        windows.append(((int(y), int(y) + h), (int(x), int(x) + w)))
+        windows.append((int(x), int(y), int(x) + w, int(y) + h))
         difference[max(0, y - h) : y + h + 1, max(0, x - w) : x + w + 1] = -1
     return windows
 
 
-def given_crops(crops: Sequence[Sequence[int]], shape: tuple[int, int]) -> list[plot.Window]:
-    """Return the windows ``x, y, w, h`` of an image of `shape` (height, width), in pixels from the top left.
+def given_crops(crops: Sequence[Sequence[int]], shape: tuple[int, int]) -> list[Window]:
+    """Return the windows ``(x0, y0, x1, y1)`` of an image of `shape` (height, width).
 
     A ValueError if one is not inside of the image, or if their sizes differ: panels of a figure have one shape.
     """
-    height, width = shape
-    windows = []
-    for x, y, w, h in crops:
-        rows, columns = crop_area((x, y, x + w, y + h), (width, height))
-        windows.append(((rows.start, rows.stop), (columns.start, columns.stop)))
-    sizes = [f"{w}x{h}" for *_, w, h in crops]
+    areas = [window_area(crop, shape[::-1]) for crop in crops]
+    sizes = [f"{columns.stop - columns.start}x{rows.stop - rows.start}" for rows, columns in areas]
     if len(set(sizes)) > 1:
         raise ValueError(f"crops of a figure must have one size; got {', '.join(sizes)}")
-    return windows
+    return [(columns.start, rows.start, columns.stop, rows.stop) for rows, columns in areas]
 
 
 @dataclass(frozen=True)
@@ -233,7 +231,7 @@ class _Layout:
 def draw(
     comparison: Comparison,
     shown: Sequence[Contestant],
-    windows: Sequence[plot.Window],
+    windows: Sequence[Window],
     *,
     exposure: float = 1.0,
     width: float = 7.0,
@@ -256,33 +254,41 @@ def draw(
         raise ValueError(f"width of a figure must be from {WIDTHS[0]:g} to {WIDTHS[1]:g} inches; got {width:g}")
     truth = comparison.reference.mean
     columns, rows = len(shown) + 1, len(windows) * (1 + errors)
-    (top, bottom), (left, right) = windows[0]
-    letters = max(6, int(width / (columns * (1 + (width >= NARROW)) * LETTER)))
-    above = [textwrap.wrap(of.rule, letters, break_on_hyphens=False) for of in shown]
-    below = [[part for line in of.lines for part in textwrap.wrap(line, letters)] for of in shown]
+    x0, y0, x1, y1 = windows[0]
+    size = width, columns, rows, truth.shape[1] / truth.shape[0], (y1 - y0) / (x1 - x0)
+    letters = int(_Layout.of(*size, (1, 1)).crop[0] / LETTER)
+    above = [*(_wrapped(re.sub("([:,])", r"\1 ", of.rule), letters) for of in shown), ["reference"]]
+    below = [[part for line in of.lines for part in _wrapped(line, letters)] for of in shown]
     lines = max(map(len, above)), max(map(len, below))
-    aspect = truth.shape[1] / truth.shape[0]
-    layout = _Layout.of(width, columns, rows, aspect, (bottom - top) / (right - left), lines)
+    layout = _Layout.of(*size, lines)
     figure = Figure(figsize=(width, layout.height))
     FigureCanvasAgg(figure)
     y = layout.top if width >= NARROW else 0.0
-    whole = layout.panel(figure, 0, y, (layout.whole, layout.whole / aspect))
-    _pixels(whole, tonemap(truth, exposure))
-    for (rows_of, columns_of), colour in zip(windows, FRAMES, strict=False):
-        corner, size = (columns_of[0] - 0.5, rows_of[0] - 0.5), (np.ptp(columns_of), np.ptp(rows_of))
-        whole.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=1.5))
+    whole = layout.panel(figure, 0, y, (layout.whole, layout.whole / layout.aspect))
+    plot.picture(whole, truth, exposure=exposure)
+    whole.set_aspect("auto")
+    for window, colour in zip(windows, FRAMES, strict=False):
+        plot.mark(whole, window, colour, 1.5)
     end = layout.top + rows * (layout.crop[1] + GAP)
-    for k, name in enumerate([*above, ["reference"]]):
+    for k, name in enumerate(above):
         layout.text(figure, k, layout.top - GAP / 2 - LINE * len(name), name)
         _column(figure, layout, k, truth if k == len(shown) else shown[k].image, windows, exposure, 1 + errors)
     roots = [np.sqrt(np.maximum(of.errors, 0)) for of in shown]
     scale = plot.shared_scale(roots) or 1.0
     for k, root in enumerate(roots):
         layout.text(figure, k, end, below[k])
-        for row, (of_rows, of_columns) in enumerate(windows if errors else ()):
-            part = root[slice(*of_rows), slice(*of_columns)]
+        for row, window in enumerate(windows if errors else ()):
+            part = root[window_area(window, root.shape[::-1])]
             _pixels(layout.crop_at(figure, k, 2 * row + 1), part, cmap="inferno", vmin=0, vmax=scale)
+    widest = max(text.get_window_extent().width for text in figure.texts) / figure.dpi
+    for text in figure.texts:
+        text.set_fontsize(POINTS * min(1, (layout.crop[0] + GAP / 2) / widest))
     return figure
+
+
+def _wrapped(text: str, letters: int) -> list[str]:
+    """Return lines of a text, of about so many letters; no word is broken."""
+    return textwrap.wrap(text, letters, break_long_words=False)
 
 
 def _column(
@@ -290,13 +296,13 @@ def _column(
     layout: _Layout,
     column: int,
     image: Array,
-    windows: Sequence[plot.Window],
+    windows: Sequence[Window],
     exposure: float,
     every: int,
 ) -> None:
     """Draw the crops of an image, in one of `every` rows."""
-    for row, ((rows, columns), colour) in enumerate(zip(windows, FRAMES, strict=False)):
-        pixels = tonemap(image[slice(*rows), slice(*columns)], exposure)
+    for row, (window, colour) in enumerate(zip(windows, FRAMES, strict=False)):
+        pixels = tonemap(image[window_area(window, image.shape[1::-1])], exposure)
         _pixels(layout.crop_at(figure, column, row * every), pixels, colour)
 
 
@@ -316,7 +322,7 @@ def write_figure(
     crops: Sequence[Sequence[int]] = (),
     metric: str = "relmse",
     **options: Any,
-) -> list[plot.Window]:
+) -> list[Window]:
     """Write a figure as PDF, PNG, or as a page with linked zoom (.html), and return its windows.
 
     Parameters

@@ -33,7 +33,7 @@ RULE_MARKS = "os^DvPX"
 70 rules differ in one of the two, and rules of one colour differ in their markers."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
-AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "seconds"}
+AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "CPU seconds"}
 
 
 def error_lines(
@@ -86,8 +86,8 @@ def convergence(comparison: Comparison, path: Path) -> None:
         error_lines(axis, comparison.runs, over, comparison.oracle, measure=measure)
     axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of all
     caption = f"""Root of relMSE and of MSE against the reference, mean over {comparison.seeds} seed(s); bands go from
-        the lowest to the highest seed. Time is from the pilot to the last sample, fit included. Dotted: N^-1/2. Errors
-        that are estimated below zero, because the reference is noisy, are left out."""
+        the lowest to the highest seed. CPU time is from the pilot to the last sample, fit included. Dotted: N^-1/2.
+        Errors that are estimated below zero, because the reference is noisy, are left out."""
     plot.save(figure, path, f"{comparison.scene}: error against time and rays", caption)
 
 
@@ -95,7 +95,7 @@ def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
     """Write the plot of the best weights, with its caption, as a PNG file."""
     rows, columns = oracle.variance.shape[1:]
     figure, axes = plot.canvas(1, 1, 7, 1 + 6 * rows / columns)
-    covered = (0, rows * oracle.patch), (0, columns * oracle.patch)
+    covered = 0, 0, columns * oracle.patch, rows * oracle.patch
     best = np.where(oracle.variance[HALF] > 0, oracle.best(), np.nan)
     plot.weight_bar(figure, plot.weights(axes[0, 0], best, "", covered), axes[0, 0])
     caption = f"Weight of least variance of each patch, from {oracle.spp} samples per pixel. {oracle.text()}"

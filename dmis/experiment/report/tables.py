@@ -16,13 +16,13 @@ from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 LINES_NOTE = """Lines: root of the mean error over seeds; bands: lowest to highest seed. Dotted: the slope −½ of
 N<sup>−1/2</sup>. A rule with a pilot can be steeper, because the share of the pilot in the time falls. Dashed or ×, by
 MSE, if there is an oracle: the best weights by it, in time and rays of the balance heuristic."""
-GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means over seeds; seconds are medians, from the
-pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of d².
-In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
+GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means over seeds; CPU seconds are medians, from
+the pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of
+d². In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
 they are wider (Holm). ·CPU s: error times CPU seconds, whose intervals include the scatter of the times. Bold: the
 lowest ratio·CPU s of the table, if its interval is below 1 and few pixels do not have most of the error. In equal time:
-error over that of the balance heuristic in the rule's seconds, interpolated on its line; † where it is extrapolated as
-error ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis, which is one light and one BRDF sample and
+error over that of the balance heuristic in the rule's CPU seconds, interpolated on its line; † where it is extrapolated
+as error ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis, which is one light and one BRDF sample and
 independent points, whatever the settings of the others."""
 OVERVIEW_NOTE = """Scenes: relMSE over that of the balance heuristic in equal time, at the largest budget. All:
 geometric means over the scenes of error times CPU seconds over the balance heuristic's, with 95 % intervals over seeds.
@@ -62,12 +62,12 @@ def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
 
 
 def costs_table(gains_of_budgets: Sequence[Gain]) -> str:
-    """Return the table of what the rules cost: seconds, rays, and errors times seconds."""
-    head = ["spp", "rule", "seconds", "CPU s", "pilot + fit", "Mrays", *(f"{name}·s" for name in MEASURES.values())]
+    """Return the table of what the rules cost: CPU seconds, rays, and errors times CPU seconds."""
+    head = ["spp", "rule", "CPU s", "pilot + fit", "Mrays", *(f"{name}·CPU s" for name in MEASURES.values())]
     rows = [
         [
-            str(g.spp) if g.rule == "balance" else "", _rule(g.rule), f"{g.seconds:.2f}", f"{g.cpu_seconds:.2f}",
-            f"{g.overhead:.0%}", f"{g.rays / 1e6:.2f}", *(f"{m.error * g.seconds:.4g}" for m in g.measures),
+            str(g.spp) if g.rule == "balance" else "", _rule(g.rule), f"{g.cpu_seconds:.2f}", f"{g.overhead:.0%}",
+            f"{g.rays / 1e6:.2f}", *(f"{m.error * g.cpu_seconds:.4g}" for m in g.measures),
         ]
         for g in gains_of_budgets
     ]  # fmt: skip

@@ -178,7 +178,7 @@ def make_camera(reader: Reader) -> Camera:
         raise film.items["cropwindow"].error(f"must be four shares of the image, 0 to 1: x, x, y, y; got {got}")
     left, right, top, bottom = np.ceil(crop[0] * [width, width, height, height]).astype(int).tolist()
     with blame(film.items["cropwindow"].token):
-        return camera.crop((top, bottom), (left, right))
+        return camera.crop((left, top, right, bottom))
 
 
 def _window(p: Parameters, ratio: float) -> float:

@@ -136,7 +136,7 @@ def _balance(scene: str) -> Array:
 def _view(name: str) -> tuple[Scene, Array]:
     """Return a scene of the exercise, 64 by 36 pixels whichever it is, and its reference."""
     if name == "teapot-area-light":  # below its lamp, whose edge has noise that no share can help
-        scene = load_scene(name, resolution=(64, 64)).crop((28, 64), (0, 64))
+        scene = load_scene(name, resolution=(64, 64)).crop((0, 28, 64, 64))
     else:
         scene = load_scene(name, resolution=(64, 36))
     return scene, render(scene, "auto", 256, seed=1000, sampler="sobol").image

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from dmis.experiment.convergence import gains
 from dmis.experiment.metrics import flip, relative_error
 from dmis.experiment.report.paper_table import paper_table
 from dmis.experiment.runs import PINNED
-from dmis.experiment.table import Comparison, read_comparison
+from dmis.experiment.table import Comparison, image_path, read_comparison
 from dmis.image import read_exr, write_exr
 
 pytest.importorskip("matplotlib")
@@ -74,15 +75,14 @@ def test_crops_are_where_rules_differ() -> None:
     other[20:30, 70:85] += 5
     other[50, 80] = 1e6
     (first, second) = figure.automatic_crops([one, other])
-    for (top, bottom), (left, right) in (first, second):
-        assert 0 <= top < bottom <= 60 and 0 <= left < right <= 90 and (bottom - top, right - left) == (10, 15)
-    assert abs(first[0][0] - 40) <= 2 and abs(first[1][0] - 10) <= 2
-    assert abs(second[0][0] - 20) <= 2 and abs(second[1][0] - 70) <= 2
+    for x0, y0, x1, y1 in (first, second):
+        assert 0 <= y0 < y1 <= 60 and 0 <= x0 < x1 <= 90 and (y1 - y0, x1 - x0) == (10, 15)
+    np.testing.assert_allclose([first[:2], second[:2]], [(10, 40), (70, 20)], atol=2)
 
 
 def test_small_images_have_crops_that_do_not_touch() -> None:
     windows = figure.automatic_crops([np.ones((9, 9)), np.zeros((9, 9))])
-    assert windows == [((0, 8), (0, 8))]
+    assert windows == [(0, 0, 8, 8)]
 
 
 @pytest.mark.parametrize(("width", "errors"), [(7.0, False), (3.33, True)])
@@ -106,13 +106,33 @@ def test_panels_do_not_overlap(made: tuple[Comparison, Path], width: float, erro
     assert all(t.x0 > -1 and t.x1 < drawn.bbox.x1 + 1 and t.y0 > -1 and t.y1 < drawn.bbox.y1 + 1 for t in texts)
 
 
+def test_words_are_whole_and_lie_beside_each_other(made: tuple[Comparison, Path]) -> None:
+    comparison, _ = made
+    (of, *_) = figure.contestants(comparison)
+    drawn = figure.draw(comparison, [replace(of, rule="second-moment:patch=8,guard=12.5")] * 7, [(0, 0, 8, 8)])
+    words = {text.get_text() for text in drawn.texts}
+    assert {"second-", "patch=8,", "guard=12.5", "reference"} <= words
+    wide = max(text.get_window_extent().width for text in drawn.texts)
+    assert wide < drawn.axes[2].get_window_extent().x0 - drawn.axes[1].get_window_extent().x0
+
+
+def test_a_rule_that_is_not_registered_is_drawn(made: tuple[Comparison, Path], tmp_path: Path) -> None:
+    """As that of a plug-in: nothing is rendered."""
+    folder, name = shutil.copytree(made[1], tmp_path / "out"), "mine:a=1,b=2"
+    for spp in (8, 16):
+        image_path(folder, ("pbrt", spp)).rename(image_path(folder, (name, spp)))
+    rows = (folder / "results.csv").read_text("utf-8").replace(",pbrt,", f',"{name}",')
+    (folder / "results.csv").write_text(rows, "utf-8")
+    assert main(["figure", str(folder), "-o", str(tmp_path / "f.png"), "--rules", f"balance,{name}"]) == 0
+
+
 def test_texts_have_the_numbers_of_the_table(made: tuple[Comparison, Path]) -> None:
     comparison, _ = made
     gain = next(g for g in gains(comparison.runs) if (g.rule, g.spp) == ("pbrt", 16))
     (_, of, *_) = figure.contestants(comparison, ["balance", "pbrt"], "mse")
     value, low, high = gain.mse.over_balance
     error = f"{gain.mse.error:.2e}".replace("e-0", "e-")
-    assert of.lines == (f"MSE {error}", f"{value:.2f}×", f"({low:.2f}–{high:.2f})", f"{gain.seconds:.3g} s")
+    assert of.lines == (f"MSE {error}", f"{value:.2f}×", f"({low:.2f}–{high:.2f})", f"{gain.cpu_seconds:.3g} CPU s")
     with pytest.raises(ValueError, match=r"among those of the comparison.*got 'pbr', did you mean 'pbrt'"):
         figure.contestants(comparison, ["pbr"])
 
@@ -139,13 +159,12 @@ def test_commands(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.
         assert main(["figure", folder, "-o", str(tmp_path / name), "--rules", "pbrt,balance", "--errors"]) == 0
     assert "--crops" in capsys.readouterr().out and (tmp_path / "f.pdf").read_bytes().startswith(b"%PDF")
     assert main(["table", folder, "-o", str(tmp_path / "t.tex")]) == 0
-    crops = ["--crops", "0,0,8,8", "9,9,8,8"]
+    crops = ["--crops", "0,0,8,8", "9,9,17,17"]
     assert main(["figure", folder, "-o", str(tmp_path / "g.png"), *crops, "--metric", "mse", "--width", "3.5"]) == 0
     assert (tmp_path / "g.png").read_bytes().startswith(b"\x89PNG")
     for more, message in (
-        (["--crops", "0,0,8"], "--crops must be auto, or windows x,y,w,h"),
-        (["--crops", "0,0,8,8", "9,9,9,8"], "crops of a figure must have one size; got 8x8, 9x8"),
-        (["--crops", "0,0,800,8"], "crop must be"),
+        (["--crops", "0,0,8,8", "9,9,18,17"], "crops of a figure must have one size; got 8x8, 9x8"),
+        (["--crops", "10,10,8,8"], "a window must be (x0, y0, x1, y1) in pixels"),
         (["--width", "99"], "width of a figure must be from 2 to 20 inches; got 99"),
     ):
         assert main(["figure", folder, "-o", str(tmp_path / "x.png"), *more]) == 2

@@ -1,0 +1,31 @@
+"""Windows: parts of an image, ``(x0, y0, x1, y1)`` in pixels from the top left, as on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from dmis.base.validate import whole
+
+Window = tuple[int, int, int, int]
+"""First column and row, and the column and row after the last: ``(x0, y0, x1, y1)``."""
+
+
+def window_area(window: Iterable[Any] | None, resolution: Sequence[int]) -> tuple[slice, slice]:
+    """Return rows and columns of a window of an image of `resolution` (width, height); None: those of the image.
+
+    A ValueError if it is empty, not inside of the image, or not four whole numbers.
+    """
+    if window is None:
+        return slice(None), slice(None)
+    width, height = resolution
+    try:
+        x0, y0, x1, y1 = (whole("window", side) for side in window)
+        if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"a window must be (x0, y0, x1, y1) in pixels with 0 <= x0 < x1 <= {width} and 0 <= y0 < y1 <= {height}, "
+            f"the size of the image; got {window}"
+        ) from None
+    return slice(y0, y1), slice(x0, x1)
