@@ -1,7 +1,6 @@
 """A render job: everything that is checked and decided before the first ray.
 
-`resolve` takes the arguments of `dmis.pipeline.render.render`, does every check once, and returns the `Job`: the scene,
-the rule, and the settings with which the rule makes its rounds.
+`resolve` checks the arguments of `dmis.pipeline.render.render` once, and returns the `Job`: scene, rule, settings.
 """
 
 from __future__ import annotations
