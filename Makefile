@@ -21,6 +21,7 @@ setup: $(READY)  ## make .venv and install dmis in it (editable, with all extras
 # The stamp is written last, so that an interrupted set-up is done again; pip only adds what pyproject.toml has come to ask for.
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "dmis needs Python 3.11 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 setup")'
+	@echo "Setting up $(VENV), once: dmis, its extras and the tools of developers are downloaded and installed (minutes)"
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[all,dev]"
 	@touch $(READY)

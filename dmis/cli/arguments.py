@@ -242,7 +242,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **SCENE,
         OUTPUT: _option("page for a browser, usable offline", Path, required=True, metavar="OUT.html"),
         "--resolution": _option("pixels (default 160x120)", RESOLUTION, (160, 120), metavar="WxH"),
-        "--spp": _option("camera samples per pixel for the curves, a multiple of 4 (default 2048)", int, 2048),
+        "--spp": _option("camera samples per pixel for the curves, a multiple of 4 (default 512)", int, 512),
         "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _number(65_536), 4),
         **settings_options("sampler", "preset"),
         **THREADS,

@@ -33,7 +33,7 @@ from dmis.experiment.compare import check_output, compare, parse_rules, summary,
 from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import cache_folder, load_reference, make_reference
 from dmis.experiment.table import Comparison
-from dmis.fit.registry import RULES, make_rule
+from dmis.fit.registry import RULES, about, make_rule
 from dmis.formats.load_scene import SHIPPED
 from dmis.image import read_exr
 from dmis.pipeline.job import resolve
@@ -209,7 +209,7 @@ def _info(options: argparse.Namespace) -> int:
     if options.scenes:
         say(*SHIPPED)
     if options.rules:
-        say(*(f"{name:18} {make()!r}" for name, make in RULES.items()))
+        say(*(f"{name:18} {about(name)}\n{'':18} {make()!r}" for name, make in RULES.items()))
     if options.scenes or options.rules:
         return 0
     machine = f"{platform.system()} {platform.machine()}"

@@ -45,7 +45,7 @@ _CURVE_PARTS = ("curve", "pattern", "position")
 """Parts of the variance curves that an oracle's file has, see `dmis.variance.curves.Curves.sums`."""
 EPSILON = 0.01
 """Bound of the denominator of relative errors, as of `dmis.experiment.metrics.relmse`."""
-_SPP = 256
+_SPP = 128
 """Camera samples per pixel from which rays are counted and errors are compared."""
 
 

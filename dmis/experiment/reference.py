@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from dmis.pipeline.checkpoint import UnusableCheckpoint, remove_checkpoint
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import MAX_SPP
-from dmis.pipeline.progress import Progress
+from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
@@ -155,16 +156,23 @@ def render_halves(
     are those of `dmis.pipeline.render.render`; `seed` is that of the first half, and the second has the next one.
     """
     results, checkpoints = [], [path.with_suffix(f".{half}.tiles") for half in range(2)]
-    for half, checkpoint in enumerate(checkpoints):
-        options |= {"seed": seed + half, "checkpoint": checkpoint}
-        try:
-            results.append(render(scene, rule, spp, **options))
-        except UnusableCheckpoint:
-            remove_checkpoint(checkpoint)
-            results.append(render(scene, rule, spp, **options))
+    with reporting(options.pop("progress", None)) as report:
+        for half, checkpoint in enumerate(checkpoints):
+            options |= {"seed": seed + half, "checkpoint": checkpoint}
+            options["progress"] = report and partial(_of_half, report, half)
+            try:
+                results.append(render(scene, rule, spp, **options))
+            except UnusableCheckpoint:
+                remove_checkpoint(checkpoint)
+                results.append(render(scene, rule, spp, **options))
     yield results
     for checkpoint in checkpoints:
         remove_checkpoint(checkpoint)
+
+
+def _of_half(report: Progress, half: int, stage: str, done: int, total: int) -> None:
+    """Report the progress of the first or second half as that of both."""
+    report(stage, half * total + done, 2 * total)
 
 
 def cache_path(

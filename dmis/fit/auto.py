@@ -52,7 +52,7 @@ EXPONENTS = {"direct": EXPONENT, "path": 1.2}
 
 @dataclass(frozen=True)
 class Auto(OptionRule):
-    """Patterns of light and BRDF samples from a pilot, and numbers of camera samples per pixel from a first round.
+    """Choose shares per pixel from a pilot, and numbers of camera samples per pixel from a first round.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from dmis.fit.rule import OptionRule
 
 @dataclass(frozen=True)
 class Fixed(OptionRule):
-    """Use one weight everywhere, without a pilot. w = 1/2 with the balance heuristic is the classic estimator.
+    """Take the same share w of light samples everywhere, without a pilot: ``fixed:0.3``.
 
     For more than two `techniques` w is the shares of all of them. With ``weigh="heuristic"`` w is the share that the
     heuristic uses, and all techniques take the same number of samples (docs/theory.md, Eq. 8a). Options that are None

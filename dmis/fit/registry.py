@@ -7,7 +7,7 @@ import reprlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from inspect import signature
+from inspect import getdoc, signature
 from typing import Any, Literal, get_args, get_origin
 
 from dmis.base.plugins import loaded_plugins, origin
@@ -34,19 +34,33 @@ RULES: dict[str, Callable[..., Rule]] = {
     "counts": partial(Auto, False),
     "auto": Auto,
 }
-"""Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
-``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),
-``resampled:W`` (`dmis.estimator.resampling` in the place of light sampling), ``thesis``; ``second-moment`` and its
-relatives in the literature, see `dmis.fit.second_moment`; ``simplex:light+brdf+resampled``, weights of several
-techniques, see `dmis.variance.simplex_curves`, and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``,
-the default, which learns shares and numbers of samples per pixel in two rounds, and ``counts``, the same with
-equal shares (`dmis.fit.auto`).
-"""
+"""Rules by name; `about` says what each does."""
+_ABOUT = {
+    "balance": "Take one light and one BRDF sample, weighed by the balance heuristic.",
+    "pbrt": "Take one light and one BRDF sample, weighed by the power heuristic.",
+    "one-sample": "Choose a technique at random for each sample: light sampling with probability w.",
+    "uniform": "Sample the hemisphere uniformly in place of the lights, for teaching.",
+    "resampled": "Resample light samples in proportion to what they add (RIS), in place of light sampling.",
+    "second-moment": "Choose shares per patch of least variance times cost, by curves V(w) from a pilot at w = 1/2.",
+    "taylor": "Choose shares by one Newton step of the second moment from w = 1/2: Lu et al. 2013.",
+    "inverse-variance": "Choose shares in proportion to 1 / variance of each technique alone: Havran and Sbert 2014.",
+    "neyman": "Choose shares in proportion to the deviations of weighed contributions: Neyman 1934, Sbert et al. 2016.",
+    "representativity": "Choose shares by how evenly f / p of each technique is spread: Pajot et al. 2011.",
+    "kl": "Choose shares that minimise the Kullback-Leibler divergence of f and the mixture: Sbert et al.",
+    "tsallis": "Choose shares that minimise the divergence of order gamma of f and the mixture: Sbert et al.",
+    "counts": "Choose numbers of camera samples per pixel from a first round, with equal shares.",
+}
+"""What the rules do that share a class with others."""
 SHIPPED = frozenset(RULES)
 """Names of the rules that every process knows."""
 _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
 _GUESSES = {"power": "pbrt", "light": "fixed:1", "brdf": "fixed:0", "bsdf": "fixed:0"}
 """The rules that are meant by names which are none."""
+
+
+def about(name: str) -> str:
+    """Return a sentence that says what a rule of `RULES` does: for a class of one's own the first of its docstring."""
+    return _ABOUT.get(name) or (getdoc(RULES[name]) or "").partition("\n")[0]
 
 
 def register_rule(name: str, cls: Callable[..., Rule]) -> None:

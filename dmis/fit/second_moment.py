@@ -25,7 +25,7 @@ from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
 @dataclass(frozen=True)
 class SecondMoment(PooledRule):
-    """Shares that minimise an objective per patch.
+    """Choose shares that minimise an objective per patch.
 
     The objective ``second-moment`` is variance and cost, V(w) and C(w), weighed such that the image's error times its
     time is least (`dmis.fit.curve_minimum.cost_weighted`): the pilot gives unbiased curves V(w)

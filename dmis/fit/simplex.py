@@ -41,7 +41,7 @@ def best_points(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndar
 
 @dataclass(frozen=True)
 class Simplex(PooledRule):
-    """Shares of several techniques that minimise variance and cost per patch.
+    """Choose shares of several techniques that minimise variance and cost per patch.
 
     `dmis.fit.second_moment.SecondMoment` does the same for two, on a finer grid.
 

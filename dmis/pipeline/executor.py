@@ -27,9 +27,13 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dmis import __version__
 from dmis.base.plugins import load_plugin, loaded_plugins
 from dmis.base.validate import whole
+from dmis.base.vectors import Array
+from dmis.intersect import Hits, RayCaster
 from dmis.pipeline.film import FilmTile
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
@@ -93,19 +97,21 @@ class Workers:
     def __init__(self, scene: Scene, parallel: Parallel = None) -> None:
         parallel = check_parallel(parallel)
         self._own: ThreadPoolExecutor | None = None
+        self._stop: threading.Event | None = None
         self._done = True
         if isinstance(parallel, Processes):
             self._own = pool = _process_pool(parallel.number, scene, loaded_plugins())
             self._submit: Callable[..., Future[Any]] = lambda function, item: pool.submit(pool.call, function, item)
             return
         if isinstance(parallel, int):
-            parallel = self._own = ThreadPoolExecutor(parallel)
+            parallel, self._stop = ThreadPoolExecutor(parallel), threading.Event()
+            self._own = parallel
         sent = scene if isinstance(parallel, ThreadPoolExecutor) else _send(parallel, scene)
         self._submit = lambda function, item: parallel.submit(_call, sent, __version__, function, item)
 
     def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, FilmTile], None, None]:
         """Yield rendered tiles, see `calls`."""
-        return self.calls(partial(_render, _this_process()), tiles)
+        return self.calls(partial(_render, _this_process(), self._stop), tiles)
 
     def calls(self, function: Callable[..., Any], items: Iterable[Any]) -> Generator[tuple[Any, Any], None, None]:
         """Yield items and the results of ``function(scene, item)`` in order of completion; they begin in that of items.
@@ -135,6 +141,8 @@ class Workers:
 
     def close(self) -> None:
         """Let go of the scene, and end threads of our own; processes, too, if calls were given up."""
+        if self._stop is not None and not self._done:
+            self._stop.set()
         if isinstance(self._own, _ProcessPool) and self._done:
             _idle_pools.append(self._own)
         elif self._own is not None:
@@ -250,10 +258,30 @@ def _call(scene: Scene | bytes, version: str, function: Callable[..., Any], item
     return function(_load(scene) if isinstance(scene, bytes) else scene, item)
 
 
-def _render(asking: tuple[str, int], scene: Scene, tile: Tile) -> FilmTile:
-    """Return a rendered tile, with its CPU seconds if another process is `asking`."""
+class _Stoppable:
+    """Ray caster that refuses queries after an interrupt: a thread ends its tile at the next."""
+
+    def __init__(self, caster: RayCaster, stop: threading.Event) -> None:
+        self._caster, self._stop = caster, stop
+
+    def closest(self, *rays: Array) -> Hits:
+        """See `dmis.intersect.RayCaster.closest`; a CancelledError after an interrupt."""
+        return self._going_on().closest(*rays)
+
+    def occluded(self, *rays: Array) -> np.ndarray:
+        """See `dmis.intersect.RayCaster.occluded`; a CancelledError after an interrupt."""
+        return self._going_on().occluded(*rays)
+
+    def _going_on(self) -> RayCaster:
+        if self._stop.is_set():
+            raise CancelledError
+        return self._caster
+
+
+def _render(asking: tuple[str, int], stop: threading.Event | None, scene: Scene, tile: Tile) -> FilmTile:
+    """Return a rendered tile, with its CPU seconds if another process is `asking`; `stop` ends it in a thread."""
     began = time.thread_time()
-    film_tile = render_tile(scene, tile)
+    film_tile = render_tile(scene, tile, None if stop is None else _Stoppable(scene.intersector, stop))
     return film_tile if asking == _this_process() else replace(film_tile, worker_seconds=time.thread_time() - began)
 
 

@@ -64,7 +64,7 @@ class Passes:
         checkpoint: str | os.PathLike[str] | None = None,
     ) -> None:
         self._job, self._progress = job, progress
-        self._rounds = 0
+        self._rounds = self._samples = 0
         self._pixels = math.prod(job.given_scene.camera.resolution)
         self._release: Callable[[], None] = release if self._pixels >= LARGE_IMAGE else lambda: None
         self.rays, self.pilot_rays = Counter[str](), Counter[str]()
@@ -128,8 +128,10 @@ class Passes:
         """Render the tiles that are not in the film yet, the largest first, so that none is waited for at the end."""
         tiles.sort(key=lambda tile: tile.camera_samples, reverse=True)
         missing = [tile for tile in tiles if not film.done[tile.number]]
-        total = sum(tile.camera_samples for tile in tiles)
-        finished = total - sum(tile.camera_samples for tile in missing)
+        finished = self._samples + sum(tile.camera_samples for tile in tiles if film.done[tile.number])
+        self._samples += sum(tile.camera_samples for tile in tiles)
+        # of rounds that the rule has not yet asked for, those of the budget are counted
+        total = self._samples if stage == "final" else max(self._samples, self._pixels * self._job.spp)
         here = ((tile, render_tile(self._job.scene, tile)) for tile in missing)
         with closing(here if self._workers is None else self._workers.render(missing)) as results:
             for tile, film_tile in results:

@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 from typing import Any
 
 Progress = Callable[[str, int, int], None]
-"""``progress(stage, done, total)``: camera samples of the stages ``pilot`` and ``final``, or renders of a rule."""
+"""``progress(stage, done, total)``: camera samples of all stages of a render so far, or renders of a rule."""
 
 
 class ProgressBar:
@@ -30,14 +30,13 @@ class ProgressBar:
         except ImportError as missing:
             raise ImportError("progress=True needs tqdm: pip install 'dmis[progress]'") from missing
         self._bar: Any = tqdm(unit=f" {unit}", unit_scale=True, leave=False)
-        self._stage = ""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Show that `done` of `total` are done; where less are done than before, another render has begun."""
-        if stage != self._stage or total != self._bar.total or done < self._bar.n:
-            self._stage = stage
-            self._bar.reset(total)
-            self._bar.set_description(stage)
+        if done < self._bar.n:
+            self._bar.reset()
+        self._bar.total = total
+        self._bar.set_description(stage, refresh=self._bar.desc != f"{stage}: ")
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:

@@ -140,7 +140,9 @@ def test_info(scene, capsys):
     assert "Lambert + Microfacet" in text and "DiskLight: two techniques" in text
     assert main(["info", "--rules"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(RULES) and any("patch=" in line for line in lines)
+    assert [line.split()[0] for line in lines[::2]] == list(RULES) and any("patch=" in line for line in lines)
+    sentences = {line[19:] for line in lines[::2]}
+    assert len(sentences) == len(RULES) and all(len(s) > 40 and s.endswith((".", "``.")) for s in sentences)
     assert main(["info", "--scenes"]) == 0 and capsys.readouterr().out.split() == list(SHIPPED)
 
 

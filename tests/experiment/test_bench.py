@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -546,6 +547,20 @@ class OfPixels(Endless):
     needs_features = "pixels"
 
 
+class OwnTechnique(Endless):
+    """A rule with a third technique, as that of docs/your-rule.md."""
+
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        yield budget.final(Fit((0.4, 0.4, 0.2)), 0, techniques=("light", "brdf", "uniform"))
+
+
+class Directions(Endless):
+    """A rule whose statistic reads the directions of samples."""
+
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        yield budget.pilot(0.5, 2, lambda *_: SimpleNamespace(directions=True))
+
+
 class Unfinished(dmis.Rule):
     """A rule that asks for no final pass."""
 
@@ -562,6 +577,8 @@ class Unfinished(dmis.Rule):
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
         (OfPixels(), "needs features of pixels; the data hold those of patches"),
+        (OwnTechnique(), "samples by light and brdf and uniform; the data hold light and brdf alone"),
+        (Directions(), "needs directions of samples; the data hold densities. Measure it by compare"),
         (Unfinished(), "must yield a final round"),
         (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),
         (lambda tables: None, "a function must return one share .* got None"),

@@ -22,8 +22,11 @@ from dmis.cli.commands import main
 from dmis.experiment.runs import PINNED, measure
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES
+from dmis.fit.round import Budget
+from dmis.fit.rule import filled_settings
 from dmis.pipeline import executor
 from dmis.pipeline.film import PassFilm
+from dmis.pipeline.tile import make_tiles
 
 OPTIONS = {"rule": "second-moment", "spp": 32, "seed": 4}
 
@@ -335,6 +338,18 @@ def test_workers_render_small_images_whole(box, tmp_path, monkeypatch, kind, req
         assert [(r.seed, r.mse, r.rays) for r in by_seed] == [(r.seed, r.mse, r.rays) for r in serial[budget]]
         one, other = (np.median([r.cpu_seconds for r in of]) for of in (serial[budget], by_seed))
         assert 0.5 < other / one < 2
+
+
+def test_threads_end_their_tiles_after_an_interrupt(box):
+    """Within a second of CPU time, where the second tile would take a minute."""
+    rounds = (Budget(spp, (24, 32), filled_settings(dmis.Settings(), box)).final(dmis.Fit(0.5)) for spp in (4, 2**16))
+    workers = executor.Workers(box, 2)
+    with closing(workers.render([tile for of in rounds for tile in make_tiles((32, 24), 0, 0, of)])) as tiles:
+        next(tiles)
+    began = time.process_time()
+    workers.close()
+    workers._own.shutdown()
+    assert time.process_time() - began < 1
 
 
 def _interrupted(*_):

@@ -2,6 +2,7 @@
 
 import io
 
+import numpy as np
 import pytest
 
 import dmis
@@ -16,6 +17,22 @@ def test_bar_follows_the_render(box: dmis.Scene, capsys: pytest.CaptureFixture[s
     assert "pilot" in shown and "final" in shown and "samples" in shown
     assert (image == dmis.render(box, "thesis:patch=4", 8, parallel=1, progress=False).image).all()
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("rule", ["thesis:patch=4", "auto", "balance"])
+def test_progress_is_that_of_the_whole_render(box: dmis.Scene, rule: str) -> None:
+    """Samples of all rounds add up, so that a bar has the time left of the render; both halves of a reference, too."""
+    calls: list[tuple[str, int, int]] = []
+    dmis.render(box, rule, 64, parallel=1, progress=lambda *call: calls.append(call))
+    done, total = (np.array(values) for values in list(zip(*calls, strict=True))[1:])
+    assert (np.diff(done) > 0).all() and (done <= total).all() and done[-1] == total[-1] > 0.9 * total[0]
+
+
+def test_progress_of_a_reference(box: dmis.Scene, tmp_path) -> None:
+    calls: list[tuple[str, int, int]] = []
+    dmis.make_reference(box, 32, folder=tmp_path, parallel=1, progress=lambda *call: calls.append(call))
+    done = [done / total for _, done, total in calls]
+    assert done == sorted(done) and done[-1] == 1 and done[0] < 0.5
 
 
 def test_bar_begins_again_with_each_render() -> None:

@@ -269,17 +269,6 @@ def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
     assert (0 if rule == "fixed:0.3" else 0.85) < measured / predicted < 1.15
 
 
-def test_progress_reaches_the_end(box):
-    """Progress is monotonic in each stage and ends at the total."""
-    calls = []
-    dmis.render(box, "thesis", 8, progress=lambda *call: calls.append(call))
-    for stage in ("pilot", "final"):
-        done = [(d, t) for s, d, t in calls if s == stage]
-        assert done[-1][0] == done[-1][1]
-    final = [d for s, d, _ in calls if s == "final"]
-    assert final == sorted(final)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -64,6 +64,11 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     used = Counter[float]()
     while (round_ := next_round(rounds, film)) is not None:
         if round_.stage == "final" or round_.patterns is not None:
+            if round_.mixture != (LIGHT, BRDF):
+                names = " and ".join(technique.name for technique in round_.mixture)
+                raise ValueError(
+                    f"rule {text} samples by {names}; the data hold light and brdf alone. Measure it by compare"
+                )
             return round_
         film = _film(round_, pilots, used, text)
     raise ValueError(f"rule {text} must yield a final round, which budget.final(fit) makes; got none")
@@ -90,6 +95,8 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
         )
     if round_.needs_features == "pixels":
         raise ValueError(f"rule {text} needs features of pixels; the data hold those of patches. Measure it by compare")
+    if round_.statistic is not None and asks(round_.statistic(1, s), "directions"):
+        raise ValueError(f"rule {text} needs directions of samples; the data hold densities. Measure it by compare")
     used[w] += n
     part = _part(table, begin, n, s)
     tilt = None if round_.tilt is None else float(round_.tilt[0])

@@ -46,7 +46,7 @@ BASELINES: Mapping[str, AnyRule] = {
 """Rules of the table of results, by their names there."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Score:
     """Score of a rule: its name, and by scene `COLUMNS` of each seed, ``(seeds, 6)``.
 
@@ -57,6 +57,10 @@ class Score:
     rule: str
     values: Mapping[str, Array]
     blocks: bool = False
+
+    def __repr__(self) -> str:
+        """Return the tables of `report`."""
+        return report({self.rule: self})
 
     def over_scenes(self) -> Array:
         """Return the columns of each seed over all scenes, ``(seeds, 6)``: of ratios geometric means, else means."""

@@ -48,7 +48,7 @@ def play_page(scene: Scene, spp: int, patch: int, settings: Settings, **options:
     options["settings"] = settings = replace(settings, preset=None, compensation=settings.compensation or 0)
     _check_size(*scene.camera.resolution, patch)
     oracle = make_oracle(scene, spp, patch, **options)
-    image = make_reference(scene, 128, **options).mean
+    image = make_reference(scene, 64, **options).mean
     cost, factor = measure_patches(scene, patch, **options)
     # the pilot alone decides the map: 6 samples, and one of the final pass
     thesis = render(scene, Thesis(weigh="samples"), 7, **options).weight
