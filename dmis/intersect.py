@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from threading import Event
 from time import thread_time
 from typing import Protocol
 
@@ -128,6 +130,8 @@ class CountingCaster:
     of_pixels
         Closest hits and occlusion rays of each pixel of the tile, ``(2, P)`` or more rows, added to; None: they are not
         counted.
+    stop
+        Once it is set, queries raise a CancelledError, so that threads end soon after an interrupt.
 
     Attributes
     ----------
@@ -137,8 +141,8 @@ class CountingCaster:
         CPU seconds of the queries so far.
     """
 
-    def __init__(self, caster: RayCaster, of_pixels: Array | None = None) -> None:
-        self._caster, self._of_pixels = caster, of_pixels
+    def __init__(self, caster: RayCaster, of_pixels: Array | None = None, stop: Event | None = None) -> None:
+        self._caster, self._of_pixels, self._stop = caster, of_pixels, stop
         self._pixel = np.empty(0, np.int64)
         self.rays = Counter(camera=0)
         self.seconds = 0.0
@@ -177,6 +181,8 @@ class CountingCaster:
 
     def _count_by_pixel(self, query: int, sample: Selection | None) -> None:
         """Count a ray of each of the camera samples `sample`."""
+        if self._stop is not None and self._stop.is_set():
+            raise CancelledError
         if self._of_pixels is not None:
             pixels = self._of_pixels[query]
             pixels += np.bincount(take(self._pixel, sample), minlength=len(pixels))

@@ -146,13 +146,6 @@ SCENE = {
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless given here")}
 SPP_LIST = _numbers("", _number(2**63), range(1, 2**16))
 CROP = _numbers("x0,y0,x1,y1 in pixels, such as 0,0,64,48", _number(MAX_SIDE, 0), (4,))
-
-
-def _crop_or_auto(text: str) -> tuple[int, ...]:
-    """Return a window, empty for ``auto``."""
-    return () if text == "auto" else CROP(text)
-
-
 PIXEL = _numbers("x,y in pixels, such as 120,80", _number(MAX_SIDE, 0), (2,))
 ALBEDO = _numbers("one number, or four separated by commas", _number(1, 0, float), (1, 4))
 WORKERS, SEED = _number(MAX_WORKERS), _number(2**63, 0)
@@ -211,8 +204,8 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         OUTPUT: _option("figure: .pdf, .png, or an .html page with linked zoom", Path, required=True, metavar="FILE"),
         "--rules": _option("rules separated by commas (default: all)", str, "", metavar="A,B,..."),
         "--crops": _option(
-            "windows in pixels, of one size (default auto: two, where the rules differ most)", _crop_or_auto, (),
-            nargs="+", metavar="auto|x0,y0,x1,y1",
+            "windows in pixels, of one size (default: two, where the rules differ most)", CROP, (),
+            nargs="+", metavar="x0,y0,x1,y1",
         ),
         "--metric": _option("error below each rule (default %(default)s)", str, "relmse", choices=tuple(METRICS)),
         "--exposure": _option("factor of the images (default 1)", POSITIVE, 1.0, metavar="X"),

@@ -21,7 +21,7 @@ def figure(options: argparse.Namespace) -> int:
 
     rules = split_rules(options.rules) if options.rules else []
     windows = write_figure(
-        read_comparison(options.folder), options.output, rules, list(filter(None, options.crops)), options.metric,
+        read_comparison(options.folder), options.output, rules, options.crops, options.metric,
         exposure=options.exposure, width=options.width, errors=options.errors,
     )  # fmt: skip
     crops = " ".join(",".join(map(str, window)) for window in windows)

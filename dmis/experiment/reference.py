@@ -14,7 +14,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -159,7 +158,8 @@ def render_halves(
     with reporting(options.pop("progress", None)) as report:
         for half, checkpoint in enumerate(checkpoints):
             options |= {"seed": seed + half, "checkpoint": checkpoint}
-            options["progress"] = report and partial(_of_half, report, half)
+            if report is not None:  # of both halves
+                options["progress"] = lambda stage, n, of, k=half: report(stage, k * of + n, 2 * of)
             try:
                 results.append(render(scene, rule, spp, **options))
             except UnusableCheckpoint:
@@ -168,11 +168,6 @@ def render_halves(
     yield results
     for checkpoint in checkpoints:
         remove_checkpoint(checkpoint)
-
-
-def _of_half(report: Progress, half: int, stage: str, done: int, total: int) -> None:
-    """Report the progress of the first or second half as that of both."""
-    report(stage, half * total + done, 2 * total)
 
 
 def cache_path(

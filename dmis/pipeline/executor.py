@@ -27,13 +27,9 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dmis import __version__
 from dmis.base.plugins import load_plugin, loaded_plugins
 from dmis.base.validate import whole
-from dmis.base.vectors import Array
-from dmis.intersect import Hits, RayCaster
 from dmis.pipeline.film import FilmTile
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
@@ -258,30 +254,10 @@ def _call(scene: Scene | bytes, version: str, function: Callable[..., Any], item
     return function(_load(scene) if isinstance(scene, bytes) else scene, item)
 
 
-class _Stoppable:
-    """Ray caster that refuses queries after an interrupt: a thread ends its tile at the next."""
-
-    def __init__(self, caster: RayCaster, stop: threading.Event) -> None:
-        self._caster, self._stop = caster, stop
-
-    def closest(self, *rays: Array) -> Hits:
-        """See `dmis.intersect.RayCaster.closest`; a CancelledError after an interrupt."""
-        return self._going_on().closest(*rays)
-
-    def occluded(self, *rays: Array) -> np.ndarray:
-        """See `dmis.intersect.RayCaster.occluded`; a CancelledError after an interrupt."""
-        return self._going_on().occluded(*rays)
-
-    def _going_on(self) -> RayCaster:
-        if self._stop.is_set():
-            raise CancelledError
-        return self._caster
-
-
 def _render(asking: tuple[str, int], stop: threading.Event | None, scene: Scene, tile: Tile) -> FilmTile:
     """Return a rendered tile, with its CPU seconds if another process is `asking`; `stop` ends it in a thread."""
     began = time.thread_time()
-    film_tile = render_tile(scene, tile, None if stop is None else _Stoppable(scene.intersector, stop))
+    film_tile = render_tile(scene, tile, None, stop)
     return film_tile if asking == _this_process() else replace(film_tile, worker_seconds=time.thread_time() - began)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from threading import Event
 
 import numpy as np
 
@@ -137,13 +138,15 @@ def tile_areas(
     ]
 
 
-def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> FilmTile:
+def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop: Event | None = None) -> FilmTile:
     """Render one tile: camera samples in batches, the radiance of each, and what observers make of it.
 
     Parameters
     ----------
     caster
         Answers ray queries; None: the scene's Embree handle.
+    stop
+        Ends the tile at the next query once it is set, by a CancelledError.
 
     Raises
     ------
@@ -153,7 +156,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
     tile = replace(tile, round=tile.round.in_row_order())
     round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
     observers = Observers(round_, tile.shape)
-    counting = CountingCaster(caster or scene.intersector, observers.pixel_sums)
+    counting = CountingCaster(caster or scene.intersector, observers.pixel_sums, stop)
     techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
     covered = _covered_pixels(scene, tile)
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])

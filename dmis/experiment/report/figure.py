@@ -272,7 +272,10 @@ def draw(
     end = layout.top + rows * (layout.crop[1] + GAP)
     for k, name in enumerate(above):
         layout.text(figure, k, layout.top - GAP / 2 - LINE * len(name), name)
-        _column(figure, layout, k, truth if k == len(shown) else shown[k].image, windows, exposure, 1 + errors)
+        image = truth if k == len(shown) else shown[k].image
+        for row, (window, colour) in enumerate(zip(windows, FRAMES, strict=False)):
+            pixels = tonemap(image[window_area(window, image.shape[1::-1])], exposure)
+            _pixels(layout.crop_at(figure, k, row * (1 + errors)), pixels, colour)
     roots = [np.sqrt(np.maximum(of.errors, 0)) for of in shown]
     scale = plot.shared_scale(roots) or 1.0
     for k, root in enumerate(roots):
@@ -289,21 +292,6 @@ def draw(
 def _wrapped(text: str, letters: int) -> list[str]:
     """Return lines of a text, of about so many letters; no word is broken."""
     return textwrap.wrap(text, letters, break_long_words=False)
-
-
-def _column(
-    figure: Figure,
-    layout: _Layout,
-    column: int,
-    image: Array,
-    windows: Sequence[Window],
-    exposure: float,
-    every: int,
-) -> None:
-    """Draw the crops of an image, in one of `every` rows."""
-    for row, (window, colour) in enumerate(zip(windows, FRAMES, strict=False)):
-        pixels = tonemap(image[window_area(window, image.shape[1::-1])], exposure)
-        _pixels(layout.crop_at(figure, column, row * every), pixels, colour)
 
 
 def _pixels(axis: Any, values: Array, colour: str = "", **options: Any) -> None:

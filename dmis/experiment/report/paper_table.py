@@ -6,6 +6,8 @@ import csv
 import io
 from collections.abc import Sequence
 
+import numpy as np
+
 from dmis.base.validate import one_of
 from dmis.experiment.convergence import Interval, gains, ratio_text
 from dmis.experiment.runs import PINNED
@@ -42,30 +44,23 @@ def paper_table(comparison: Comparison, style: str) -> str:
             continue
         ratios = gain.relmse.over_balance, gain.mse.over_balance, gain.relmse.error_time
         errors = f"{gain.relmse.error:.3e}", f"{gain.mse.error:.3e}"
-        if style == ".csv":
-            first, second, third = ([f"{value:.5g}" for value in ratio] for ratio in ratios)
-            rows.append(
-                [str(gain.spp), gain.rule, errors[0], *first, errors[1], *second, *third, f"{gain.cpu_seconds:.4g}"]
-            )
-            continue
         bold = [measure not in comparison.concentrated for measure in ("relmse", "mse", "relmse")]
-        first_cell, second_cell, third_cell = map(_cell, ratios, bold, [style] * 3)
+        first, second, third = map(_cells, ratios, bold, [style] * 3)
         rule = _tex(gain.rule) if style == ".tex" else gain.rule
-        rows.append(
-            [str(gain.spp), rule, errors[0], first_cell, errors[1], second_cell, third_cell, f"{gain.cpu_seconds:.3g}"]
-        )
+        seconds = f"{gain.cpu_seconds:.3g}"
+        rows.append([str(gain.spp), rule, errors[0], *first, errors[1], *second, *third, seconds])
     return {".tex": _latex, ".md": _markdown, ".csv": _csv}[style](rows)
 
 
-def _cell(ratio: Interval, may_be_bold: bool, style: str) -> str:
-    """Return a ratio with its interval, bold if it may be and all of it is below 1."""
+def _cells(ratio: Interval, may_be_bold: bool, style: str) -> list[str]:
+    """Return a ratio with its interval in one cell, bold if it may be and all of it is below 1; of CSV in three."""
+    if style == ".csv":
+        return [f"{value:.5g}" for value in ratio]
+    bold, dash = (r"\textbf{{{}}}", "--") if style == ".tex" else ("**{}**", "–")
     value = ratio_text(ratio.value)
-    if not ratio.high == ratio.high:  # of balance itself, or of one seed
-        return value
-    low, high = ratio_text(ratio.low), ratio_text(ratio.high)
-    if style == ".tex":
-        return (rf"\textbf{{{value}}}" if may_be_bold and ratio.high < 1 else value) + f" ({low}--{high})"
-    return (f"**{value}**" if may_be_bold and ratio.high < 1 else value) + f" ({low}–{high})"
+    value = bold.format(value) if may_be_bold and ratio.high < 1 else value
+    known = not np.isnan(ratio.high)  # else of balance itself, or of one seed
+    return [f"{value} ({ratio_text(ratio.low)}{dash}{ratio_text(ratio.high)})" if known else value]
 
 
 def _tex(text: str) -> str:
