@@ -7,7 +7,7 @@ import reprlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from inspect import getdoc, signature
+from inspect import signature
 from typing import Any, Literal, get_args, get_origin
 
 from dmis.base.plugins import loaded_plugins, origin
@@ -60,7 +60,7 @@ _GUESSES = {"power": "pbrt", "light": "fixed:1", "brdf": "fixed:0", "bsdf": "fix
 
 def about(name: str) -> str:
     """Return a sentence that says what a rule of `RULES` does: for a class of one's own the first of its docstring."""
-    return _ABOUT.get(name) or (getdoc(RULES[name]) or "").partition("\n")[0]
+    return _ABOUT.get(name) or (RULES[name].__doc__ or "").strip().partition("\n")[0]
 
 
 def register_rule(name: str, cls: Callable[..., Rule]) -> None:

@@ -405,7 +405,7 @@ def test_interval_of_blocks_is_the_jackknife(blocks: Path) -> None:
         assert mean == pytest.approx(values.mean())
         assert half == pytest.approx(2.201 * values.std(ddof=1) / np.sqrt(12), rel=1e-3)
     scored = score("fixed:0.16", [blocks])
-    assert scored.blocks and "±" in report({"a": scored})
+    assert scored.blocks and "±" in repr(scored) == report({scored.rule: scored})
 
 
 def test_numbers_of_samples_do_not_count_in_blocks(blocks: Path) -> None:

@@ -10,6 +10,7 @@ import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -257,8 +258,9 @@ def draw(
     x0, y0, x1, y1 = windows[0]
     size = width, columns, rows, truth.shape[1] / truth.shape[0], (y1 - y0) / (x1 - x0)
     letters = int(_Layout.of(*size, (1, 1)).crop[0] / LETTER)
-    above = [*(_wrapped(re.sub("([:,])", r"\1 ", of.rule), letters) for of in shown), ["reference"]]
-    below = [[part for line in of.lines for part in _wrapped(line, letters)] for of in shown]
+    wrap = partial(textwrap.wrap, width=letters, break_long_words=False)
+    above = [*(wrap(re.sub("([:,])", r"\1 ", of.rule)) for of in shown), ["reference"]]
+    below = [[part for line in of.lines for part in wrap(line)] for of in shown]
     lines = max(map(len, above)), max(map(len, below))
     layout = _Layout.of(*size, lines)
     figure = Figure(figsize=(width, layout.height))
@@ -287,11 +289,6 @@ def draw(
     for text in figure.texts:
         text.set_fontsize(POINTS * min(1, (layout.crop[0] + GAP / 2) / widest))
     return figure
-
-
-def _wrapped(text: str, letters: int) -> list[str]:
-    """Return lines of a text, of about so many letters; no word is broken."""
-    return textwrap.wrap(text, letters, break_long_words=False)
 
 
 def _pixels(axis: Any, values: Array, colour: str = "", **options: Any) -> None:
