@@ -109,7 +109,7 @@ def test_panels_do_not_overlap(made: tuple[Comparison, Path], width: float, erro
 def test_words_are_whole_and_lie_beside_each_other(made: tuple[Comparison, Path]) -> None:
     comparison, _ = made
     (of, *_) = figure.contestants(comparison)
-    drawn = figure.draw(comparison, [replace(of, rule="second-moment:patch=8,guard=12.5")] * 7, [(0, 0, 8, 8)])
+    drawn = figure.draw(comparison, [replace(of, rule="second-moment:patch=8,guard=12.5")] * 7, [(0, 0, 8, 8)], width=4)
     words = {text.get_text() for text in drawn.texts}
     assert {"second-", "patch=8,", "guard=12.5", "reference"} <= words
     wide = max(text.get_window_extent().width for text in drawn.texts)
