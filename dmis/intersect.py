@@ -125,13 +125,11 @@ class CountingCaster:
 
     Parameters
     ----------
-    caster
-        Answers the queries.
+    caster, stop
+        Answers the queries; once set, ends them by a CancelledError, so that threads end soon after an interrupt.
     of_pixels
         Closest hits and occlusion rays of each pixel of the tile, ``(2, P)`` or more rows, added to; None: they are not
         counted.
-    stop
-        Once it is set, queries raise a CancelledError, so that threads end soon after an interrupt.
 
     Attributes
     ----------
@@ -152,10 +150,7 @@ class CountingCaster:
         self._pixel = pixel
 
     def closest(self, kind: str, origin: Array, direction: Array, sample: Selection | None) -> Hits:
-        """Return the first hits of rays of a kind, one for each of the camera samples `sample` (None: all).
-
-        See `Intersector.closest`.
-        """
+        """Return first hits of rays of a kind, one for each camera sample `sample` (None: all): `Intersector.closest`."""
         self.rays[kind] += direction.shape[1]
         self._count_by_pixel(0, sample)
         begin = thread_time()

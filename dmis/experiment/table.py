@@ -241,7 +241,7 @@ def read_image(
     key = {name: provenance.get(name) for name in keys[0]}
     if key not in keys:
         raise ValueError(f"its provenance must have one of {keys}; got {key}")
-    area = crop_area(about.get("crop"), about["resolution"])
+    area = window_area(about.get("crop"), about["resolution"])
     error = mse(layers["RGB"][area], reference.cropped(area))
     if not any(math.isclose(error, run.mse, rel_tol=1e-5) for run in runs):
         raise ValueError(f"its mean squared error is {error:.6g}, that of no row of its rule and samples")

@@ -130,8 +130,7 @@ class Passes:
         missing = [tile for tile in tiles if not film.done[tile.number]]
         finished = self._samples + sum(tile.camera_samples for tile in tiles if film.done[tile.number])
         self._samples += sum(tile.camera_samples for tile in tiles)
-        # of rounds that the rule has not yet asked for, those of the budget are counted
-        total = self._samples if stage == "final" else max(self._samples, self._pixels * self._job.spp)
+        total = self._samples if stage == "final" else max(self._samples, self._pixels * self._job.spp)  # to come
         here = ((tile, render_tile(self._job.scene, tile)) for tile in missing)
         with closing(here if self._workers is None else self._workers.render(missing)) as results:
             for tile, film_tile in results:

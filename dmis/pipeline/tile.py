@@ -143,10 +143,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
 
     Parameters
     ----------
-    caster
-        Answers ray queries; None: the scene's Embree handle.
-    stop
-        Ends the tile at the next query once it is set, by a CancelledError.
+    caster, stop
+        Answers ray queries, None: the scene's Embree handle; once set, ends the tile at the next by a CancelledError.
 
     Raises
     ------

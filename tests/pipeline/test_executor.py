@@ -23,7 +23,7 @@ from dmis.experiment.runs import PINNED, measure
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES
 from dmis.fit.round import Budget
-from dmis.fit.rule import filled_settings
+from dmis.fit.rule import merge_settings
 from dmis.pipeline import executor
 from dmis.pipeline.film import PassFilm
 from dmis.pipeline.tile import make_tiles
@@ -342,7 +342,7 @@ def test_workers_render_small_images_whole(box, tmp_path, monkeypatch, kind, req
 
 def test_threads_end_their_tiles_after_an_interrupt(box):
     """Within a second of CPU time, where the second tile would take a minute."""
-    rounds = (Budget(spp, (24, 32), filled_settings(dmis.Settings(), box)).final(dmis.Fit(0.5)) for spp in (4, 2**16))
+    rounds = (Budget(spp, (24, 32), merge_settings(dmis.Settings(), box)[0]).final(dmis.Fit(0.5)) for spp in (4, 2**16))
     workers = executor.Workers(box, 2)
     with closing(workers.render([tile for of in rounds for tile in make_tiles((32, 24), 0, 0, of)])) as tiles:
         next(tiles)

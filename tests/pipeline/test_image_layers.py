@@ -219,7 +219,7 @@ def test_names_in_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
 def test_a_crop_has_its_place_in_the_file(tmp_path: Path) -> None:
     """Viewers lay it over the whole image; it is read as before."""
     openexr, path = pytest.importorskip("OpenEXR"), tmp_path / "part.exr"
-    part = box_scene(resolution=(20, 15)).crop((2, 12), (1, 9)).crop((2, 8), (2, 7))
+    part = box_scene(resolution=(20, 15)).crop((1, 2, 9, 12)).crop((2, 2, 7, 8))
     result = dmis.render(part, "balance", 2)
     dmis.write_image(path, result)
     with openexr.File(str(path)) as file:
