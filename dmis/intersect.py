@@ -150,7 +150,10 @@ class CountingCaster:
         self._pixel = pixel
 
     def closest(self, kind: str, origin: Array, direction: Array, sample: Selection | None) -> Hits:
-        """Return first hits of rays of a kind, one for each camera sample `sample` (None: all): `Intersector.closest`."""
+        """Return the first hits of rays of a kind, one for each of the camera samples `sample` (None: all).
+
+        See `Intersector.closest`.
+        """
         self.rays[kind] += direction.shape[1]
         self._count_by_pixel(0, sample)
         begin = thread_time()
