@@ -33,7 +33,6 @@ from dmis.experiment.bench.judge import score as score
 from dmis.experiment.bench.samples import samples as samples
 from dmis.experiment.compare import compare as compare
 from dmis.experiment.doctor.diagnosis import doctor as doctor
-from dmis.experiment.explain import explain as explain
 from dmis.experiment.metrics import mse as mse
 from dmis.experiment.metrics import relmse as relmse
 from dmis.experiment.oracle_renders import make_oracle as make_oracle

@@ -90,12 +90,13 @@ def test_notebook_runs(name: str, environment: None) -> None:
     check_notebook(script)
 
 
-def test_script_runs_from_any_folder(environment: None) -> None:
+@pytest.mark.parametrize("name", ["plot_1d_mixture", "why_is_this_pixel_noisy"])
+def test_script_runs_from_any_folder(name: str, environment: None) -> None:
     """A script of the checkout, in an empty folder, by a Python that has the wheel."""
-    script = ROOT / "examples" / "explained" / "plot_1d_mixture.py"
+    script = ROOT / "examples" / "explained" / f"{name}.py"
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert [str(path) for path in Path().rglob("*.png")] == ["figures/plot_1d_mixture.png"]
+    assert [str(path) for path in Path().rglob("*.png")] == [f"figures/{name}.png"]
 
 
 @pytest.fixture(scope="session")

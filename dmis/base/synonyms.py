@@ -6,8 +6,10 @@ from collections.abc import Iterable
 
 from dmis.base.validate import did_you_mean
 
+_EXPLAIN = "python examples/explained/why_is_this_pixel_noisy.py --scene SCENE --pixel X Y, in a checkout"
 COMMAND_LINE = {
     "bench": "bench-rules for rules; python benchmarks/speed.py SCENE, in a checkout, for times beside those of Embree",
+    "explain": _EXPLAIN,
     "list": "info --scenes, or info --rules",
     "scenes": "info --scenes",
     "rules": "info --rules",
@@ -42,7 +44,8 @@ NAMES = {
     "Sampler": 'dmis.render(scene, sampler="sobol"); dmis.register_sampler adds one',
     "balance_heuristic": 'dmis.render(scene, "balance")',
     "power_heuristic": 'dmis.render(scene, "fixed:0.5,combiner=power")',
-    "explain_pixel": "dmis.explain(scene, (x, y))",
+    "explain": _EXPLAIN,
+    "explain_pixel": _EXPLAIN,
     "flip": "dmis.experiment.metrics.flip(image, reference)",
     "heuristics": "list(dmis.estimator.mis.COMBINERS)",
     "list_rules": "list(dmis.fit.registry.RULES)",

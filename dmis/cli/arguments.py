@@ -146,7 +146,6 @@ SCENE = {
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless given here")}
 SPP_LIST = _numbers("", _number(2**63), range(1, 2**16))
 CROP = _numbers("x0,y0,x1,y1 in pixels, such as 0,0,64,48", _number(MAX_SIDE, 0), (4,))
-PIXEL = _numbers("x,y in pixels, such as 120,80", _number(MAX_SIDE, 0), (2,))
 ALBEDO = _numbers("one number, or four separated by commas", _number(1, 0, float), (1, 4))
 WORKERS, SEED = _number(MAX_WORKERS), _number(2**63, 0)
 THREADS = {"--threads": _option("number of threads (default: one per processor)", WORKERS, group="executor")}
@@ -240,14 +239,6 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **settings_options("sampler", "preset"),
         **THREADS,
         **QUIET,
-    }),
-    "explain": ("print why a pixel is noisy: its variance, the causes, its largest samples", {
-        **SCENE,
-        "pixel": _option("column and row of the pixel, from the top left", PIXEL, metavar="x,y"),
-        OUTPUT: _option("also draw the figure", Path, metavar="OUT.png"),
-        "--spp": _option("camera samples of the pixel (default 4096)", int, 4096),
-        "--seed": _option("seed of the random numbers (default 0)", SEED, 0),
-        **settings_options("sampler", "preset"),
     }),
     "info": ("print versions, and the plan of a scene: the work to do and to skip", {
         **SCENE,

@@ -185,25 +185,6 @@ def _play(options: argparse.Namespace) -> int:
     return 0
 
 
-def _explain(options: argparse.Namespace) -> int:
-    """Run ``explain`` and return its exit code."""
-    from dmis.experiment.explain import explain
-
-    if options.output is not None:
-        check_package("matplotlib", "the figure", "pip install 'dmis[plot]'")
-        from dmis import plot
-
-        if options.output.suffix.lower() != ".png":
-            raise ValueError(f"-o of explain must end in .png, the figure; got {str(options.output)!r}")
-        check_writable(options.output)
-    why = explain(load(options), options.pixel, options.spp, seed=options.seed, **given_settings(options))
-    say(why.text())
-    if options.output is not None:
-        title = f"{why.job.given_scene.name}: pixel {why.pixel}"
-        plot.save(why.figure(), options.output, title, f"{'; '.join(why.causes)}.")
-    return 0
-
-
 def _info(options: argparse.Namespace) -> int:
     """Run ``info`` and return its exit code."""
     if options.scenes:
@@ -240,7 +221,6 @@ _COMMANDS = {
     "diff": diff,
     "oracle": _oracle,
     "play": _play,
-    "explain": _explain,
     "info": _info,
     "check": check,
     "doctor": doctor,
