@@ -165,7 +165,7 @@ def show(why):
 def draw(why):
     """Return the figure: directions of samples, V(w), and sources of V."""
     figure, ((directions, curve, bars),) = print_canvas(1, 3, 2.6)
-    for r in why["records"]:
+    for r in (r for r in why["records"] if len(r.key) == 1):
         n, (s, t) = r.surface.n, frame(r.surface.n)
         x, y = np.stack([dot(s, r.wi), dot(t, r.wi)]) / np.sqrt(1 + dot(n, r.wi))
         directions.plot(x, y, ("b.", "r.")[r.technique_index], markersize=1)
