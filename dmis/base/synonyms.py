@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from dmis.base.validate import did_you_mean
 
-_EXPLAIN = "python examples/explained/why_is_this_pixel_noisy.py --scene SCENE --pixel X Y, in a checkout"
+_EXPLAIN = "python examples/explained/why_is_this_pixel_noisy.py --help, in a checkout"
 COMMAND_LINE = {
     "bench": "bench-rules for rules; python benchmarks/speed.py SCENE, in a checkout, for times beside those of Embree",
     "explain": _EXPLAIN,
