@@ -229,7 +229,8 @@ def check_light_sample(
         raise ValueError(f"{call}: emits must be bool of shape (N,), such as cos > 0; got {got} for N = {count}")
     if wi is not numbers:  # given ones are right
         check_directions(f"{call}: wi", wi, count, lambda: emits if surface is None else emits & surface.same_side(wi))
-    check_array(f"{call}: radiance", light_sample.radiance_at(None), count, *RADIANCE_SHAPES, where=lambda: emits)
+    if type(light_sample) is LightSample:  # that of a sky is looked up where it is visible alone
+        check_array(f"{call}: radiance", light_sample.radiance, count, *RADIANCE_SHAPES, where=lambda: emits)
     check_array(f"{call}: distance", distance, count, "(N,)", "(1,)", where=lambda: emits & ~np.isposinf(distance))
     if numbers is not None:  # a delta light's is not read
         check_array(f"{call}: pdf", pdf, count, "(N,)", where=lambda: emits | np.isnan(pdf))
