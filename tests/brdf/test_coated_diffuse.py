@@ -320,37 +320,3 @@ def test_image_under_a_coat() -> None:
     for k, colour in enumerate(texture.texels[0]):
         alone = surface(dmis.coated_diffuse(tuple(colour.tolist()), 0.2), polar(30)).reflection[0].eval(directions)
         np.testing.assert_allclose(got[:, k], alone[:, k], rtol=1e-5)
-
-
-@pytest.mark.parametrize(
-    "make, arguments, message",
-    [
-        (dmis.coated_diffuse, {"kd": 1.2}, r"kd must be in \[0, 1\]"),
-        (
-            dmis.coated_diffuse,
-            {"kd": Image(np.full((1, 1, 1), 2.0))},
-            r"kd must be in \[0, 1\], because .* got an image \(1, 1, 1\) from 2",
-        ),
-        (dmis.coated_diffuse, {"kd": -1}, r"kd must be in \[0, 1\]"),
-        (dmis.coated_diffuse, {"alpha": 1e-6}, "alpha must be positive and finite, at least 0.0001"),
-        (dmis.coated_diffuse, {"alpha": np.nan}, "alpha must be from 0 to 10, because"),
-        (dmis.coated_diffuse, {"alpha": (0.1, 0.2)}, "alpha must be a number, because"),
-        (dmis.coated_diffuse, {"alpha": Image(np.ones((1, 1, 1)))}, "alpha must be a number, because"),
-        (dmis.coated_diffuse, {"eta": 0.9}, "eta must be from 1 to 100, because"),
-        (dmis.coated_diffuse, {"eta": np.nan}, "eta must be from 1 to 100, because"),
-        (dmis.coated_diffuse, {"thickness": -1}, "thickness must be from 0 to 1000, because"),
-        (dmis.coated_diffuse, {"bounces": 0}, "bounces must be a whole number of at least 1"),
-        (dmis.coated_diffuse, {"bounces": 1.5}, "bounces must be a whole number"),
-        (dmis.coated_diffuse, {"bounces": np.nan}, "bounces must be a whole number"),
-        (dmis.coated_conductor, {"eta": 0}, "eta must be positive and finite, because"),
-        (dmis.coated_conductor, {"k": -1}, "k must be finite and not negative, because"),
-        (dmis.coated_conductor, {"coat_alpha": 1e-6}, "alpha must be positive and finite, at least 0.0001"),
-        (dmis.coated_conductor, {"coat_eta": 0.5}, "coat_eta must be from 1 to 4, because"),
-        (dmis.coated_conductor, {"coat_eta": 4.1, "alpha": 0.1}, "coat_eta must be from 1 to 4, because .*; got 4.1"),
-        (dmis.coated_conductor, {"bounces": 0}, "bounces must be a whole number of at least 1"),
-    ],
-)
-def test_bad_parameters(make: Callable[..., Material], arguments: dict, message: str) -> None:
-    """Errors name the parameter, the constraint and the value."""
-    with pytest.raises(ValueError, match=message):
-        make(**arguments)

@@ -1,8 +1,6 @@
 """Materials: which lobes they are made of, their energy, and their sampling as mixtures of lobes."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
@@ -109,65 +107,6 @@ def test_shiny_metal_reflects_its_parameter_straight_on(r: float) -> None:
 def _image(*texel: float) -> Image:
     """Two texels, the first of which is good."""
     return Image(np.array([[np.full(len(texel), 0.1), texel]]))
-
-
-@pytest.mark.parametrize(
-    "make, message",
-    [
-        (lambda: matte(-0.1), "kd must be finite and not negative"),
-        (lambda: matte((0.1, np.inf, 0)), "kd must be finite"),
-        (
-            lambda: matte((255, 0, 0)),
-            r"kd must be at most 1, because .* divide values of 8 bits by 255 .*\(255, 0, 0\)",
-        ),
-        (
-            lambda: matte(1.001),
-            "kd must be at most 1, because no surface reflects more light than it gets; .* got 1.001",
-        ),
-        (lambda: matte(_image(200.0)), r"kd must be at most 1, because .* got an image \(1, 2, 1\) from 0.1 to 200"),
-        (lambda: plastic(ks=2), "ks must be at most 1"),
-        (lambda: substrate(kd=2), "kd must be at most 1"),
-        (lambda: matte(0.5, 91), r"sigma must be in \[0, 90\]"),
-        (lambda: uber(opacity=Image(np.ones((1, 1, 1)))), "opacity must be a number or an RGB triple, because"),
-        (lambda: shiny_metal(ks=Image(np.ones((1, 1, 1)))), "ks must be a number or an RGB triple, because"),
-        (lambda: matte((0.1, 0.2)), "kd must be a number, an RGB triple or an image, because"),
-        (lambda: matte(1e39), "kd must be finite"),
-        (lambda: matte(0.5, Image(np.ones((1, 1, 1)))), "sigma must be a number, because"),
-        (lambda: metal(eta=(1, 2)), "eta must be a number or an RGB triple, because"),
-        (lambda: metal(k=Image(np.ones((1, 1, 1)))), "k must be a number or an RGB triple, because"),
-        (lambda: metal(k=(1, np.nan, 1)), "k must be finite and not negative, because"),
-        (lambda: shiny_metal(ks=2), "ks must be at most 1, because .* got 2"),
-        (lambda: mirror((1, 1, 1, 1)), "kr must be a number, an RGB triple"),
-        (lambda: uber(opacity=2), r"opacity must be in \[0, 1\], because .* got 2"),
-        (lambda: uber(opacity=(0.5, -0.1, 1)), r"opacity must be in \[0, 1\]"),
-        (lambda: uber(kd=-1, opacity=0), "kd must be finite and not negative"),
-        (lambda: uber(kd=(0.1, 0.2), opacity=(1, 1, 1)), "kd must be a number, an RGB triple"),
-    ],
-)
-def test_bad_parameters(make: Callable[[], Any], message: str) -> None:
-    """Errors name the parameter, the constraint and the value."""
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
-@pytest.mark.parametrize("make", [plastic, uber, glass])
-@pytest.mark.parametrize("eta", [0, -1.5, np.nan, np.inf, 1e39, 1e-39, (1.5, 1.5), Image(np.full((1, 1, 1), 1.5))])
-def test_an_index_is_positive_and_finite(make: Callable[..., Material], eta: Any) -> None:
-    """Whether or not the lobe that has it is there."""
-    for black in ({}, {"ks": 0} if make is not glass else {"kr": 0, "kt": 0}):
-        with pytest.raises(ValueError, match=r"eta must be .*, because it is a ratio of speeds of light; got"):
-            make(eta=eta, **black)
-
-
-@pytest.mark.parametrize("make", [plastic, metal, shiny_metal, uber, substrate])
-@pytest.mark.parametrize(
-    "roughness", [0, -0.1, np.inf, 1e-39, (0.1, 0.2), _image(0), _image(-1), _image(0.1, 0.2, 0.3)]
-)
-def test_roughness_is_positive_everywhere(make: Callable[..., Material], roughness: Any) -> None:
-    """Of images the least texel counts, and there is one channel."""
-    for name in ("u_roughness", "v_roughness") if make is substrate else ("roughness",):
-        with pytest.raises(ValueError, match=f"^{name} must be .*, because Blinn's exponent is its reciprocal; got"):
-            make(**{name: roughness})
 
 
 def test_the_ends_of_ranges_are_in_them() -> None:

@@ -106,18 +106,3 @@ def test_images_are_combined():
     )
     with pytest.raises(ValueError, match="images that are combined must have one scale, offset and wrap"):
         dmis.metallic_roughness(base, dmis.Image(metallic.texels, scale=(2, 2)))
-
-
-@pytest.mark.parametrize(
-    "options, message",
-    [
-        ({"base": 2}, "base must be at most 1"),
-        ({"metallic": -0.1}, "metallic must be in .0, 1."),
-        ({"roughness": 1.5}, "roughness must be in .0, 1."),
-        ({"opacity": 2}, "opacity must be in .0, 1."),
-        ({"eta": 0}, "eta must be positive"),
-    ],
-)
-def test_bad_parameters(options, message):
-    with pytest.raises(ValueError, match=message):
-        dmis.metallic_roughness(**options)

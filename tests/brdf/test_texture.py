@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image, Wrap, scale
 
@@ -142,15 +141,6 @@ def test_eight_bits_are_not_linear_values() -> None:
     with pytest.raises(ValueError, match="texels must be an array of numbers"):
         Image(["wood.png"])  # type: ignore[arg-type]
     assert Image(np.array([[[1], [0]]])).texels.sum() == 1
-
-
-@pytest.mark.parametrize("make", [dmis.plastic, dmis.ggx, dmis.rough_glass, dmis.torrance_sparrow])
-def test_roughness_must_not_be_black_outside(make: Any) -> None:
-    """There it would be 0, where the lobe is none."""
-    name = {dmis.plastic: "roughness", dmis.torrance_sparrow: "exponent"}.get(make, "alpha")
-    with pytest.raises(ValueError, match=f"{name} must be .* with another wrap than black"):
-        make(**{name: Image(np.full((2, 2, 1), 0.5), wrap="black")})
-    make(**{name: Image(np.full((2, 2, 1), 0.5), wrap="clamp")})
 
 
 @pytest.mark.parametrize("wrap", ["repeat", "black", "clamp"])
