@@ -366,27 +366,26 @@ def test_merge_settings(named: Any, given: Any, resolved: Any) -> None:
     assert merge_settings(settings, scene)[0] == settings and settings.sampler == "sobol"
 
 
-def test_bad_requests() -> None:
-    with pytest.raises(ValueError, match="integrator must be auto or direct or path; got 'bdpt'"):
-        Settings(integrator="bdpt")
-    for depth in (0, -3, 0.5, np.nan, 10_001, np.int64(0), np.int64(-3), np.float32(0.5), True, "deep"):
-        message = r"max_depth must be a whole number from 1 to 10000, auto or None; got .*" + re.escape(str(depth))
-        with pytest.raises(ValueError, match=message):
-            Settings(max_depth=depth)
+DEPTHS = (0, -3, 0.5, np.nan, 10_001, np.int64(0), np.int64(-3), np.float32(0.5), True, "deep")
 
 
 @pytest.mark.parametrize(
-    "change, message",
+    "make, name, values, allowed",
     [
-        ({"camera": None}, "camera must be a Camera; got None"),
-        ({"parts": None}, "parts must be a sequence of parts of dmis; got None"),
-        ({"parts": [FLOOR]}, "parts must be a sequence of parts of dmis"),
-        ({"lights": LAMP}, "lights must be a sequence of lights of dmis; got QuadLight"),
+        (Settings, "integrator", ["bdpt"], "auto or direct or path"),
+        (Settings, "max_depth", DEPTHS, "a whole number from 1 to 10000, auto or None"),
+        (Suggestions, "integrator", ["bdpt", "auto", 0], "direct or path, or None"),
+        (Suggestions, "max_depth", (*DEPTHS, "auto"), "a whole number from 1 to 10000, or None"),
+        (partial(replace, box_scene()), "suggested", ["path"], "dmis.Suggestions, such as those of a file"),
+        (partial(replace, box_scene()), "camera", [None], "a Camera"),
+        (partial(replace, box_scene()), "parts", [None, 3, ["floor"]], "a sequence of parts of dmis"),
+        (partial(replace, box_scene()), "lights", [LAMP], "a sequence of lights of dmis"),
     ],
 )
-def test_scenes_that_are_none(change: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        replace(box_scene(), **change)
+def test_bad_requests_and_scenes(make: Any, name: str, values: Any, allowed: str) -> None:
+    for value in values:
+        with pytest.raises(ValueError, match=f"{name} must be {allowed}; got .*{re.escape(str(value))}"):
+            make(**{name: value})
 
 
 def test_references_of_paths_are_their_own() -> None:

@@ -15,6 +15,7 @@ from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import CosineLobe, Lambert
 from dmis.brdf.lobe import Lobe
+from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.formats.load_scene import light_part
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight
@@ -114,84 +115,74 @@ def test_rescaled_where_needed() -> None:
         dmis.render(far, "balance", 2)
 
 
-def test_material_refuses_non_lobes() -> None:
-    with pytest.raises(ValueError, match=r"lobes must derive from dmis\.brdf\.lobe\.Lobe .* class int\(Lobe\)"):
-        dmis.Material((7,))  # type: ignore[arg-type]
+def mine(base: type, **methods: Any) -> Any:
+    """Return an object of a class like `base`, a lobe or a light, but for some methods."""
+    own = type("Mine", (base,), methods)
+    return own(0.5) if hasattr(base, "albedo") else own()
 
 
-def without(method: str, base: type, parent: type) -> object:
-    """Return an object of a class like `base` that inherits `method` from the protocol `parent`."""
-    return type("Mine", (base,), {method: getattr(parent, method)})()
-
-
-@pytest.mark.parametrize(
-    "method, signature, says",
-    [
-        ("eval", r"eval\(directions\)", "Return the BSDF without the cosine"),
-        ("pdf", r"pdf\(directions\)", "Return the density of `sample` per solid angle"),
-        ("sample", r"sample\(surface, u\)", "Sample directions"),
-    ],
-)
-def test_material_names_the_method_that_a_lobe_lacks(method: str, signature: str, says: str) -> None:
-    lobe = type("Mine", (Paint,), {method: getattr(Lobe, method)})(0.5)
-    with pytest.raises(ValueError, match=rf"Mine must define the method {signature}.*{says}"):
-        dmis.Material((lobe,))
-
-
-@pytest.mark.parametrize(
-    "make, signature",
-    [
-        (lambda: without("sample", HalfSky, InfiniteLight), r"sample\(p, u\)"),
-        (lambda: without("hit", HalfSky, InfiniteLight), r"hit\(p, wi\)"),
-        (lambda: without("sample", Candle, DeltaLight), r"sample\(p, u\)"),
-        (lambda: without("emission", Panel, AreaLight), r"emission\(p\)"),
-        (lambda: without("brightness", Panel, AreaLight), r"brightness\(length\)"),
-    ],
-)
-def test_scene_names_the_method_that_a_light_lacks(make: Callable[[], Any], signature: str) -> None:
-    with pytest.raises(ValueError, match=rf"Mine must define the method {signature}"):
-        box_scene(lights=(make(),))
+def returns(value: Any) -> Callable[..., Any]:
+    return lambda self, *arguments: value
 
 
 def changed(base: type, method: str, change: Callable[[Any], Any]) -> Any:
-    """Return an object of a class like `base` whose `method` returns what `change` makes of its result."""
+    """Return an object like those of `base`, whose `method` returns what `change` makes of its result."""
     original = getattr(base, method)
-    return type("Mine", (base,), {method: lambda self, *arguments: change(original(self, *arguments))})()
+    return mine(base, **{method: lambda self, *arguments: change(original(self, *arguments))})
+
+
+FLOAT = "an array of float"
+FORM = r"must be of shape \(3, N\)"
+SAMPLE = r"must return a LightSample .* got"
 
 
 @pytest.mark.parametrize(
-    ("light", "message"),
+    ("own", "message"),
     [
+        # a method that is missing
+        (mine(Paint, eval=Lobe.eval), r"eval\(directions\).*Return the BSDF without the cosine"),
+        (mine(Paint, pdf=Lobe.pdf), r"pdf\(directions\).*Return the density of `sample` per solid angle"),
+        (mine(Paint, sample=Lobe.sample), r"sample\(surface, u\).*Sample directions"),
+        (mine(HalfSky, sample=InfiniteLight.sample), r"sample\(p, u\)"),
+        (mine(HalfSky, hit=InfiniteLight.hit), r"hit\(p, wi\)"),
+        (mine(Candle, sample=DeltaLight.sample), r"sample\(p, u\)"),
+        (mine(Panel, emission=AreaLight.emission), r"emission\(p\)"),
+        (mine(Panel, brightness=AreaLight.brightness), r"brightness\(length\)"),
+        # one that returns the wrong form
+        (mine(Lambert, eval=returns(np.float32(0.3))), rf"eval must be {FLOAT} of shape \(3, N\) or .*; got float32"),
+        (mine(Lambert, pdf=returns(0.3)), rf"pdf must be {FLOAT} of shape \(N,\); got float"),
+        (mine(Lambert, pdf=returns(np.ones(4))), r"pdf must be of shape \(N,\); got shape \(4,\) for N = 1"),
+        (mine(Lambert, sample=returns(np.ones((4, 3)))), rf"sample {FORM}; got shape \(4, 3\)"),
         (
-            changed(Panel, "emission", lambda _: 8.0),
-            r"Mine\.emission must be an array of float of shape \(3, 1\) or .*; got float",
+            mine(SpecularReflection, scatter=returns((np.ones((3, 4)), 0.9))),
+            r"scatter, factors, must be .*; got float",
         ),
-        (changed(Panel, "emission", lambda _: np.ones(3)), r"Mine\.emission must be .* got shape \(3,\)"),
-        (changed(HalfSky, "radiance", lambda _: np.ones(3)), r"Mine\.radiance must be .* got shape \(3,\)"),
-        (changed(Panel, "sample", lambda s: s.wi), r"Mine\.sample must return a LightSample .* got ndarray"),
-        (changed(Panel, "hit", lambda s: s.pdf), r"Mine\.hit must return a LightSample .* got ndarray"),
-        (changed(Candle, "sample", lambda _: None), r"Mine\.sample must return a LightSample .* got NoneType"),
+        (mine(Panel, emission=returns(8.0)), rf"emission must be {FLOAT} of shape \(3, 1\) or .*; got float"),
+        (mine(Panel, emission=returns(np.ones(3))), r"emission must be .* got shape \(3,\)"),
+        (mine(HalfSky, radiance=returns(np.ones(3))), r"radiance must be .* got shape \(3,\)"),
+        (changed(Panel, "sample", lambda s: s.wi), rf"sample {SAMPLE} ndarray"),
+        (changed(Panel, "hit", lambda s: s.pdf), rf"hit {SAMPLE} ndarray"),
+        (mine(Candle, sample=returns(None)), rf"sample {SAMPLE} NoneType"),
         (
             changed(Panel, "sample", lambda s: replace(s, emits=s.emits.astype(np.float32))),
-            r"Mine\.sample: emits must be bool .*; got float32",
+            r"sample: emits must be bool .*; got float32",
         ),
         (
             changed(Panel, "hit", lambda s: replace(s, radiance=np.ones(3))),
-            r"Mine\.hit: radiance must be of shape \(3, 1\) or \(3, N\); got shape \(3,\)",
+            r"hit: radiance must be of shape \(3, 1\) or \(3, N\); got shape \(3,\)",
         ),
         (
             changed(HalfSky, "hit", lambda s: replace(s, pdf=0.1)),
-            r"Mine\.hit: pdf must be an array of float of shape \(N,\); got float",
+            rf"hit: pdf must be {FLOAT} of shape \(N,\); got float",
         ),
-        (
-            changed(Candle, "sample", lambda s: replace(s, wi=s.wi.T)),
-            r"Mine\.sample: wi must be of shape \(3, N\); got shape \(2, 3\)",
-        ),
+        (changed(Candle, "sample", lambda s: replace(s, wi=s.wi.T)), rf"sample: wi {FORM}; got shape \(2, 3\)"),
     ],
 )
-def test_scene_names_the_method_of_a_light_that_returns_the_wrong_form(light: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        box_scene(lights=(light,))
+def test_a_scene_names_what_a_lobe_or_light_of_ones_own_lacks(own: Any, message: str) -> None:
+    """A method, or the form of what one returns, which else ends in a TypeError of the estimator."""
+    lacks = "must define the method " if " must " not in message else ""
+    with pytest.raises(ValueError, match=rf"^Mine.{lacks}{message}"):
+        box_scene(dmis.Material((own,))) if isinstance(own, Lobe) else box_scene(lights=(own,))
 
 
 @pytest.mark.parametrize("lights", [(), (dmis.PointLight((0, 0, 1), (0, 0, 0)),)])
