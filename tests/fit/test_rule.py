@@ -42,6 +42,9 @@ class NoFit(dmis.Rule):
     pass
 
 
+CURVES, SMOOTHED = ("second-moment", "simplex", "auto"), ("second-moment", "simplex", "thesis")
+
+
 def test_only_fit_must_be_given(box: dmis.Scene) -> None:
     """Everything else has a default; the image is that of the weight."""
     rule = make_rule(Constant())
@@ -64,24 +67,64 @@ def test_rounds_of_a_budget() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rule", "message"),
+    "rules, message",
     [
-        (Plain(), r"Derive its class from dmis\.Rule: class Plain\(dmis\.Rule\)"),
-        (NoFit(), r"(?s)has no method fit. Add it to class NoFit: def fit\(self, pilot\)"),
-        (Constant, r"Make an object of the class: Constant\(\)"),
-        (None, r"got None. A map of weights is dmis\.Given\(weight=...\)"),
-        (np.zeros((2, 2)), r"A map of weights is dmis\.Given\(weight=...\)"),
-        (0.5, "got '0.5', did you mean 'fixed:0.5'?"),
-        ("0.5", "got '0.5', did you mean 'fixed:0.5'?"),
-        ("power", "got 'power', did you mean 'pbrt'?"),
-        ("light", "got 'light', did you mean 'fixed:1'?"),
-        ("brdf", "got 'brdf', did you mean 'fixed:0'?"),
+        # no rule
+        ([Plain()], r"Derive its class from dmis\.Rule: class Plain\(dmis\.Rule\)"),
+        ([NoFit()], r"(?s)has no method fit. Add it to class NoFit: def fit\(self, pilot\)"),
+        ([Constant], r"Make an object of the class: Constant\(\)"),
+        ([None, np.zeros((2, 2))], r"got .*A map of weights is dmis.Given\(weight=...\)"),
+        (["", "best", "Balance"], "rule must be one of balance.*; got '{rule}'"),
+        ([0.5, "0.5"], "got '0.5', did you mean 'fixed:0.5'?"),
+        (["power"], "got 'power', did you mean 'pbrt'?"),
+        (["light"], "got 'light', did you mean 'fixed:1'?"),
+        (["brdf"], "got 'brdf', did you mean 'fixed:0'?"),
+        # no option
+        (["fixed", "fixed:combiner=power"], "rule fixed needs the share of light samples, such as fixed:0.5; got"),
+        (["fixed:patch=3"], "rule fixed has the options w, combiner, allocation, .*, weigh; got 'patch'"),
+        (["balance:w=0.3", "fixed:techniques=a", "thesis:shape=3", "counts:weights=yes"], "has the options .*; got '"),
+        (["simplex:dark=0.5"], "rule simplex has the options .*; got 'dark'"),
+        (["simplex:light=0.5,brdf=0.5,patch=8"], "has the options combiner, sampler, compensation; got patch"),
+        # no value of an option
+        (["fixed:x"], "option w of rule fixed must be of type float; got 'x'"),
+        (["simplex:light=x,brdf=0.5"], "option light of rule simplex must be of type float"),
+        (["thesis:patch=4.5", "thesis:patch=small"], "option patch of rule thesis must be of type int or auto; got '"),
+        (["thesis:spp=auto"], "option spp of rule thesis must be of type int; got 'auto'"),
+        (["thesis:reuse=maybe"], "option reuse of rule thesis must be yes or no; got 'maybe'"),
+        # one that is out of range
+        (["fixed:1.5", "fixed:nan"], "w must be a number from 0 to 1"),
+        (["thesis:patch=0"], "patch must be 1 to 65535 pixels"),
+        (["second-moment:patch=6", "second-moment:patch=2", "simplex:patch=6"], "patch must be a multiple of 4 pixels"),
+        (["thesis:spp=1"], "at least 2, because a variance needs two samples"),
+        (["second-moment:spp=2", "second-moment:spp=7"], "spp of the pilot must be even and at least 4"),
+        (["auto:spp=6", "auto:spp=2"], "power of two from 4 on, or 0 to choose it; got"),
+        (["thesis:no_signal=zero"], "no_signal must be half or skip; got 'zero'"),
+        (["thesis:ragged=cut"], "ragged must be equal or area; got 'cut'"),
+        (["thesis:channels=red"], "channels must be luminance or rgb"),
+        (["thesis:filter=box"], "filter must be gaussian or none"),
+        ([f"{rule}:filter=box" for rule in CURVES], "filter must be gaussian or none or joint; got 'box'"),
+        ([f"{rule}:size=4" for rule in SMOOTHED], "size must be odd, 1 to 1001"),
+        ([f"{rule}:sigma={x}" for rule in SMOOTHED for x in ("0", "nan")], "sigma must be positive"),
+        ([f"{rule}:guard=-1" for rule in CURVES], "guard must be a number of at least 0"),
+        (["auto:exponent=0.5"], "exponent must be a number from 1 to 3"),
+        (["auto:error=mse"], "error must be absolute or relative; got 'mse'"),
+        # no techniques or shares
+        (["simplex:light"], "mix must be two or more different techniques"),
+        (["simplex:light+dark"], "technique must be one of .*; got 'dark'"),
+        (
+            ["simplex:light+brdf+uniform+resampled"],
+            "even multiple of 4, the number of techniques, .* 8; got 6",
+        ),
+        (["simplex:light=0.5"], "shares of at least two techniques; got light"),
+        (["simplex:light=0.5,brdf=0.3,resampled=0.3"], r"add up to 1, .* got 0.5 \+ 0.3 \+ 0.3 = 1.1"),
+        (["simplex:light=1.5,brdf=-0.5"], r"shares must be in \[0, 1\]"),
     ],
 )
-def test_non_rules_are_refused(rule: Any, message: str) -> None:
-    """Errors say what is missing, or what was meant."""
-    with pytest.raises(ValueError, match=message):
-        make_rule(rule)
+def test_non_rules_are_refused(rules: list[Any], message: str) -> None:
+    """Errors name the rule or option, what it allows, and the value; or what was meant."""
+    for rule in rules:
+        with pytest.raises(ValueError, match=message.replace("{rule}", str(rule))):
+            make_rule(rule)
 
 
 @pytest.mark.parametrize(
@@ -179,8 +222,6 @@ def test_registered_rule() -> None:
     assert parse_rules("constant:0.5,steep=no,balance") == ["constant:0.5,steep=no", "balance"]
     with pytest.raises(ValueError, match="rule constant has the options w, name, steep; got 'table'"):
         make_rule("constant:table=3")
-    with pytest.raises(ValueError, match="option w of rule constant must be of type float; got 'x'"):
-        make_rule("constant:w=x")
 
 
 def test_registered_rule_without_options() -> None:

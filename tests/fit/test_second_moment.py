@@ -157,12 +157,3 @@ def test_black_patches_stay_at_one_half() -> None:
     """Where nothing was seen there is no reason to leave."""
     fit = SecondMoment().fit(pilot_of_curves(np.zeros((len(GRID), 1, 1))))
     np.testing.assert_array_equal(fit.weight, 0.5)
-
-
-@pytest.mark.parametrize(
-    "options", ["patch=6", "patch=2", "spp=2", "spp=7", "guard=-1", "size=4", "sigma=0", "filter=box"]
-)
-def test_bad_options(options: str) -> None:
-    """Errors name the option; `simplex` has the same."""
-    with pytest.raises(ValueError, match=options.split("=")[0]):
-        make_rule(f"second-moment:{options}")

@@ -290,26 +290,6 @@ def test_texts() -> None:
     assert parse_rules(f"balance,simplex:{MIX},auto") == ["balance", f"simplex:{MIX}", "auto"]
 
 
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("simplex:light", "mix must be two or more different techniques"),
-        ("simplex:light+dark", "technique must be one of .*; got 'dark'"),
-        ("simplex:light+brdf+uniform+resampled", "even multiple of 4, the number of techniques, and at least 8; got 6"),
-        ("simplex:light=0.5", "shares of at least two techniques; got light"),
-        ("simplex:light=0.5,brdf=0.3,resampled=0.3", "add up to 1, .* got 0.5 \\+ 0.3 \\+ 0.3 = 1.1"),
-        ("simplex:light=1.5,brdf=-0.5", r"shares must be in \[0, 1\]"),
-        ("simplex:light=x,brdf=0.5", "option light of rule simplex must be of type float"),
-        ("simplex:light=0.5,brdf=0.5,patch=8", "has the options combiner, sampler, compensation; got patch"),
-        ("simplex:dark=0.5", "rule simplex has the options .*; got 'dark'"),
-    ],
-)
-def test_bad_texts(text: str, message: str) -> None:
-    """Errors name what is allowed, and the value."""
-    with pytest.raises(ValueError, match=message):
-        make_rule(text)
-
-
 def test_rules_of_two_techniques() -> None:
     """Combiners that fit or freeze, and rules of one weight."""
     three = ("light", "brdf", "uniform")
