@@ -25,6 +25,8 @@ import numpy as np
 import scipy.stats
 
 from dmis.base.vectors import Array
+from dmis.brdf.cosines import Directions
+from dmis.brdf.materials import Material
 from dmis.estimator.mis import COMBINERS
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import TECHNIQUES
@@ -38,6 +40,8 @@ from dmis.pipeline.result import Result
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene
+from dmis.testing.scenes import surface
+from dmis.testing.sphere import sphere_rule
 
 LEVEL = 1 - 0.99 ** (1 / 1000)
 """Šidák's level of each of (at most) 1000 statistical tests whose chance of any false alarm is 1 %."""
@@ -93,6 +97,20 @@ def grid_uniforms(side: int, dtype: type = np.float64, low: float = 0.03, high: 
     """A regular grid in the unit square, away from its edges, ``(2, side**2)``."""
     line = np.linspace(low, high, side)
     return np.stack(np.meshgrid(line, line, indexing="ij")).reshape(2, -1).astype(dtype)
+
+
+def mirror_hemisphere(wo: Array, rings: int = 500, sectors: int = 200) -> tuple[Array, Array]:
+    """Quadrature over the upper hemisphere, dense about the mirror direction: ``(3, N)`` and weights ``(N,)``."""
+    w, weights = sphere_rule(wo * [-1, -1, 1], rings, sectors, power=3.0)
+    up = w[2] > 0
+    return np.ascontiguousarray(w[:, up]), weights[up]
+
+
+def reflected(material: Material, wo: Array, rings: int = 500, sectors: int = 200) -> float:
+    """Share of the light from one direction that a material reflects, the largest of the channels."""
+    w, weights = mirror_hemisphere(wo, rings, sectors)
+    some = surface(material, wo, w.shape[1])
+    return float((np.broadcast_to(some.eval(Directions(some, w)), w.shape).astype(float) @ (w[2] * weights)).max())
 
 
 @contextmanager

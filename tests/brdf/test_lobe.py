@@ -78,9 +78,6 @@ def test_anisotropic_exponent_u_lies_along_dpdu() -> None:
         assert np.std(np.asarray(dpdu, float) / np.linalg.norm(dpdu) @ wi) < 0.2 * np.std(np.asarray(other) @ wi)
 
 
-# Fresnel ------------------------------------------------------------------------------------------------------------
-
-
 # Values that pbrt-v2 prints -----------------------------------------------------------------------------------------
 
 NUMBER = r"[-+]?\d*\.?\d+(?:e[-+]?\d+)?"
@@ -156,8 +153,7 @@ def test_values_of_pbrt(references: Path, name: str) -> None:
 
 
 def specular(degrees: float, outside: bool, *lobes: SpecularReflection | SpecularTransmission) -> tuple:
-    points = surface(Material(lobes), polar(degrees))
-    points.outside = np.array([outside])
+    points = surface(Material(lobes), polar(degrees), outside=outside)
     return points, [lobe.scatter(points) for lobe in points.delta]
 
 

@@ -7,8 +7,7 @@ import pytest
 from helpers import Z_LIMIT, image_tile, images_z_score, pixel_shares, z_score
 
 import dmis
-from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import Directions
+from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, glass
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
@@ -18,11 +17,9 @@ from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.tile import render_tile
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
-from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.lobe import check_lobe
 from dmis.testing.outcome import require
-from dmis.testing.scenes import FLOOR, box_scene, surface
-from dmis.testing.sphere import polar, uniforms
+from dmis.testing.scenes import FLOOR, box_scene
 
 GLASS = {
     "0.05": dmis.rough_glass(alpha=0.05),
@@ -33,44 +30,11 @@ GLASS = {
 each_glass = pytest.mark.parametrize("name", GLASS)
 
 
-def seen(material: Material, wo: Array, count: int, outside: bool = True) -> ShadingPoints:
-    """Points at the origin, seen from above, from outside or inside of the glass."""
-    points = surface(material, wo, count)
-    points.outside = np.full(count, outside)
-    return points
-
-
-def beyond(*args: object) -> ShadingPoints:
-    """The same for the light that comes from below."""
-    return seen(*args).beyond()  # type: ignore[arg-type]
-
-
 @each_glass
 def test_checks(name: str) -> None:
     """Samples, densities, energy, symmetry, finite values from both sides, renders."""
     for lobe in GLASS[name].lobes:
         require(check_lobe(lobe, name))
-
-
-@pytest.mark.parametrize("degrees", [0.0, 60.0, 89.9, 89.9999, 90.0])
-def test_extreme_roughness_is_finite(degrees: float) -> None:
-    """No NaN, infinity or negative value, at the horizon, straight through, and at the ends of u."""
-    wo = polar(degrees)
-    wo[2] = max(wo[2], 0)
-    edge = np.float32(1 - 2**-24)
-    u = np.concatenate([np.array([[0, 0, edge, edge], [0, edge, 0, edge]], np.float32), uniforms(1000)], axis=1)
-    special = np.array([wo, -wo, (0, 0, 1), (0, 0, -1), (1, 0, 0), polar(89.99999, 205.0)]).T.astype(np.float32)
-    for alpha in ((1e-4, None), (10.0, None), (1e-4, 10.0)):
-        for eta in (1.5, 1.001, 1 / 1.001, 3.0):
-            for outside in (True, False):
-                material = dmis.rough_glass(alpha=alpha[0], alpha_v=alpha[1], eta=eta)
-                sampled = beyond(material, wo, u.shape[1], outside).sample(u)
-                np.testing.assert_allclose(dot(sampled, sampled), 1, atol=1e-5)
-                for w in (special, sampled):
-                    points = beyond(material, wo, w.shape[1], outside)
-                    f, pdf = points.eval(Directions(points, w)), points.pdf(Directions(points, w))
-                    assert np.isfinite(f).all() and (f >= 0).all()
-                    assert np.isfinite(pdf).all() and (pdf >= 0).all()
 
 
 # Scenes -------------------------------------------------------------------------------------------------------------

@@ -43,11 +43,6 @@ def test_repeat_has_period_one(s: float, t: float, shift: tuple[int, int]) -> No
     np.testing.assert_allclose(at(image, s + shift[0], t + shift[1]), at(image, s, t), atol=5e-5)
 
 
-def test_repeat_blends_across_the_edge() -> None:
-    """At s = 0 the first and the last column meet."""
-    np.testing.assert_allclose(at(Image(TEXELS), 0.0, 0.5), (TEXELS[1, 0] + TEXELS[1, 3]) / 2, atol=1e-6)
-
-
 def test_clamp_repeats_the_edge_and_black_fades() -> None:
     """Outside, clamp is the nearest edge texel and black is 0; at the edge black is half of it."""
     for s, t, texel in ((-0.5, 0.5, TEXELS[1, 0]), (7.0, 0.5, TEXELS[1, 3]), (0.5 / 4, 9.0, TEXELS[2, 0])):
