@@ -104,6 +104,7 @@ WAYS = {
     "stratified": {"sampler": "stratified", "w": 0.25},
     "sobol": {"sampler": "sobol", "w": 0.25},
     "sobol 1/2": {"sampler": "sobol"},
+    "low discrepancy, three samples": {"sampler": "lowdiscrepancy", "shading_samples": 3},
     "uniform and brdf": {"techniques": ("uniform", "brdf")},
     "light and uniform": {"techniques": ("light", "uniform")},
     "resampled and brdf": {"techniques": ("resampled", "brdf")},

@@ -155,8 +155,6 @@ def test_refusals() -> None:
             dmis.render(disk(), rule, 8)
     with pytest.raises(ValueError, match=message):
         dmis.render(disk(), dmis.Given(0.5, weigh="heuristic"), 4, combiner="power")
-    with pytest.raises(ValueError, match=message):
-        Round(4, shares_of(0.5), dmis.Settings(combiner="power"), tilt=shares_of(0.2))
 
 
 @pytest.mark.parametrize(

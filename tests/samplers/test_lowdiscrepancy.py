@@ -4,9 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, image_tile, images_z_score, pixel_shares
+from helpers import LEVEL, Z_LIMIT, image_tile, pixel_shares
 
-import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
 from dmis.estimator.settings import Settings
@@ -132,25 +131,6 @@ def test_late_bounces_have_random_numbers() -> None:
         u = source.draw_block(key, None, 0, 1).reshape(2, spp, 20)
         assert not any(is_net(u[..., pixel]) for pixel in range(20))
         assert u.shape == source.draw(key, None, np.zeros(20 * spp, int)).reshape(2, spp, 20).shape
-
-
-@pytest.fixture(scope="module")
-def cornell() -> dmis.Scene:
-    return dmis.load_scene("cornell", resolution=(40, 40))
-
-
-@pytest.mark.parametrize(("rule", "shading_samples"), [("balance", 2), ("balance", 8), ("thesis:patch=4", 3)])
-@pytest.mark.parametrize("integrator", ["direct", "path"])
-def test_same_mean_as_independent_samples(
-    cornell: dmis.Scene, rule: str, shading_samples: int, integrator: str
-) -> None:
-    """Means of whole images, by a z-test; long paths have sequences and random numbers."""
-    settings = Settings(shading_samples=shading_samples, integrator=integrator)  # type: ignore[arg-type]
-    images = [
-        [dmis.render(cornell, rule, 12, seed=k, sampler=name, settings=settings).image for k in range(2)]
-        for name in ("independent", "lowdiscrepancy")
-    ]
-    assert abs(images_z_score(*images)) < Z_LIMIT
 
 
 def test_blocks_of_a_camera_sample_are_better_than_separate_sequences() -> None:
