@@ -1,10 +1,9 @@
 """Plant faults of multiple importance sampling in tables of dmis, and measure whether the doctor finds them.
 
 Writes docs/tables/doctor-faults.csv: for each fault and scene z, the cause that is named with its factor and interval,
-and the rows that z = 5 would take. Then the false alarms of right tables of eight scenes: 40 with 64 pixels across, and
-240 small ones. With ``--right`` only these; with ``--speed`` time and memory of 10^7 rows.
+and the rows that z = 5 would take. With ``--speed`` time and memory of 10^7 rows. False alarms: doctor_alarms.py.
 
-Run: python benchmarks/doctor_faults.py [--right | --speed]               (six minutes)
+Run: python benchmarks/doctor_faults.py [--speed]               (six minutes)
 """
 
 from __future__ import annotations
@@ -39,6 +38,9 @@ SCENES = {
     "two-sided": ("teapot-area-light", "killeroo-diffuse"),
     "normals": ("teapot-area-light", "tt"),
     "lobe": ("tt", "cornell"),
+    "light's cosine": ("teapot-area-light", "cornell"),
+    "divided": ("teapot-area-light", "tt"),
+    "missing": ("ten-lights", "veach-mis"),
 }
 """Scenes that each fault is planted in."""
 SPP = {"normals": 256}
@@ -53,6 +55,9 @@ LOOKS = {
     "two-sided": ("half the brightness", "a lamp sampled on both sides"),
     "normals": ("no change on smooth meshes", "shading normal confused with geometric normal"),
     "lobe": ("one material too dark", "a lobe's probability missing"),
+    "light's cosine": ("slightly bright pixels near lamps seen from aside", "p_l = d² / A, without the lamp's cosine"),
+    "divided": ("wrong brightness everywhere", "f divided by a density before it is divided by it"),
+    "missing": ("one lamp too dark", "light samples of one lamp are never drawn"),
 }
 """How an image with a fault looks, and what the fault is."""
 NAMES = {
@@ -65,6 +70,9 @@ NAMES = {
     "two-sided": ("p_l", "all", ""),
     "normals": ("p_b", "light", "normals"),
     "lobe": ("p_b", "all", ""),
+    "light's cosine": ("p_l", "BRDF", "cos_light"),
+    "divided": ("f", "all", "pdf"),
+    "missing": ("p_l", "BRDF", "missing"),
 }
 """Column, rows and measure of the cause that each fault is."""
 
@@ -97,8 +105,16 @@ def plant(fault: str, table: dict[str, Any], seed: int = 0) -> dict[str, Any]:
     elif fault == "sine":
         y = table["direction"][:, 2]
         out["p_l"] = np.where(sky, table["p_l"] * np.sqrt(np.maximum(1 - y * y, 1e-6)), table["p_l"])
-    elif fault == "two-sided":
+    elif fault == "light's cosine":
+        cos_light = np.abs((table["light_normal"] * table["direction"]).sum(axis=1))
+        out["p_l"] = np.where(is_light | sky, table["p_l"], table["p_l"] * cos_light)
+    elif fault == "divided":
+        out["f"] = table["f"] / np.where(is_light, table["p_l"], table["p_b"])[:, None]
+    elif fault in ("two-sided", "missing"):
         kept = ~is_light | (np.random.default_rng((seed, 2)).random(len(is_light)) < 0.5)
+        if fault == "missing":
+            lamp = np.bincount(table["light"][~is_light & (table["p_l"] > 0)]).argmax()
+            kept = ~is_light | (table["light"] != lamp)
         out |= {name: column[kept] for name, column in table.items() if np.ndim(column) and name != "shape"}
     elif fault == "normals":
         geometric = np.abs((table["geometric_normal"] * table["direction"]).sum(axis=1))
@@ -136,8 +152,10 @@ def table_of_faults(side: int = 96, seed: int = 3) -> list[dict[str, Any]]:
             line = {"fault": fault, "scene": scene, "rows": sum(result.rows), "found": not result.healthy}
             line |= {"named": named(fault, result.causes), "z_of_means": f"{z_of_means:.1f}"}
             if cause is not None:
-                line |= {"z": f"{cause.z:.1f}", "factor": f"{cause.factor:.3f}", "low": f"{cause.low:.3f}"}
-                line |= {"high": f"{cause.high:.3f}", "causes": len(result.causes), "cause": str(cause)}
+                line |= {"z": f"{cause.z:.1f}"}
+                if cause.measure not in ("missing", "pdf"):  # these have no factor
+                    line |= {"factor": f"{cause.factor:.3f}", "low": f"{cause.low:.3f}", "high": f"{cause.high:.3f}"}
+                line |= {"causes": len(result.causes), "cause": str(cause)}
                 line["rows_for_z_5"] = round(sum(result.rows) * min(1, 25 / max(cause.z, 0.1) ** 2), -2)
             lines.append(line)
             print(line, flush=True)
@@ -160,17 +178,6 @@ def sentences() -> dict[str, list[str]]:
     found, named = (sum(row[column] == "True" for row in rows) for column in ("found", "named"))
     all_found = "all " if found == len(rows) else f"{found} of "
     return {"doctor.md": [f"The doctor detects {all_found}{len(rows)} planted faults and names {named}."]}
-
-
-def false_alarms(shape: tuple[int, int] | int, seeds: range, spp: int = 16) -> None:
-    """Print which right tables of all shipped scenes alarm; `shape` is that of the image, or its longer side."""
-    alarms = []
-    for name in dmis.SHIPPED:
-        scene = small(name, shape) if isinstance(shape, int) else dmis.load_scene(name, shape)
-        alarms += [f"{name} {seed}" for seed in seeds if not dmis.doctor(dmis_table.table(scene, spp, seed)).healthy]
-    print(
-        f"{len(alarms)} of {len(dmis.SHIPPED) * len(seeds)} right tables of {shape} pixels alarm: {alarms}", flush=True
-    )
 
 
 def speed(rows: int = 10_000_000) -> None:
@@ -196,15 +203,12 @@ def speed(rows: int = 10_000_000) -> None:
 
 
 def run() -> None:
-    """Write the table and print the rest."""
+    """Write the table, or measure the speed."""
     if "--speed" in sys.argv:
         speed()
         return
-    if "--right" not in sys.argv:
-        lines = table_of_faults()
-        write_rows(CSV, lines, list(dict.fromkeys(key for line in lines for key in line)))
-    false_alarms(64, range(5))
-    false_alarms((24, 24), range(100, 130))
+    lines = table_of_faults()
+    write_rows(CSV, lines, list(dict.fromkeys(key for line in lines for key in line)))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,8 @@ LOG_FACTORS = np.log(2) * np.array([-3, -2, -1, 1, 2, 3])
 """Logarithms of factors that are tried first: those of two are the commonest."""
 STEPS, DELTA = 5, 0.01
 """Steps of the search for a factor, and the difference of its logarithm that a slope is taken over."""
+ABSENT = 50.0
+"""Logarithm of a factor of densities that takes rows out."""
 SURE = 5.0
 """Standard errors of a fault that is sure to be named."""
 KINDS = {
@@ -35,6 +37,9 @@ KINDS = {
     "light": (("p_l", "f"), ""),
     "lobe": (("p_b",), ""),
     "depth": ((), ""),
+    "missing": ((), "the branch that draws them fails or is not reached, or its rows are not written"),
+    "pdf": (("f",), "f is divided by a density already, or twice: write BRDF x radiance x cosine x visibility"),
+    "cos_light": (("p_l",), "the light's cosine is forgotten, or there twice: p_l = d^2 / (area x cos)"),
     "cos/d^2": (("p_l",), "a density per area beside densities per solid angle: it must be times d^2 / cos"),
     "cos": (("p_b",), "the cosine of the surface is forgotten, or there twice, in this pdf"),
     "normals": (("p_b",), "one pdf uses the shading normal, the other the geometric one"),
@@ -90,8 +95,13 @@ class Cause:
     def __str__(self) -> str:
         rows = "all rows" if self.rows == "all" else f"rows of {self.rows} samples"
         where = f" of {self.where}" if self.where else ""
+        if self.measure == "missing":
+            technique = "light" if self.rows == "BRDF" else "BRDF"
+            return f"{technique} samples{where} are missing, though {self.column} in {rows}{where} is positive"
         measure = f" x {'1 / ' if self.power < 0 else ''}({self.measure})" if self.measure else ""
         factor = f"{self.factor:.3g} ({self.low:.3g} to {self.high:.3g})"
+        if self.column == "f" and self.rows == "all":  # both techniques share it
+            factor = "a constant"
         return f"{self.column} in {rows}{where} is {factor}{measure} times what it should be"
 
     @property
@@ -105,8 +115,12 @@ class Cause:
 def candidates(evidence: Evidence) -> Iterator[Cause]:
     """Yield all causes in question, see `KINDS`."""
     for name in ("", *evidence.labels, *evidence.measures):
+        techniques = np.unique(evidence.is_light[evidence.labels.get(name, slice(None))])
+        if len(techniques) == 1:  # no factor makes rows disappear
+            yield Cause(*(("p_b", "light") if techniques[0] else ("p_l", "BRDF")), "missing", where=name)
+            continue
         for column in KINDS[name.split(" ")[0]][0]:
-            for rows in ("light", "BRDF") if column == "f" else ("light", "BRDF", "all"):
+            for rows in ("light", "BRDF") if column == "f" and name != "pdf" else ("light", "BRDF", "all"):
                 if name in evidence.measures:
                     yield from (Cause(column, rows, name, power) for power in (1, -1))
                 else:
@@ -124,7 +138,9 @@ def name_causes(table: Table, seed: int = 0) -> list[Cause]:
     """Return the causes that explain a table, likeliest first."""
     few, evidence = gather(table, SCREENED, seed), gather(table, FITTED, seed)
     screened = {}
-    for cause in candidates(few):
+    for cause in candidates(evidence):
+        if cause.where not in ("", *few.labels):
+            continue
         q = [misfit(*few.moments(cause.column, _shift(few, cause, log_factor))) for log_factor in LOG_FACTORS]
         screened[cause] = _fit(few, cause, [0, LOG_FACTORS[np.argmin(q)]])
     best = sorted(screened, key=lambda cause: screened[cause].misfit)[:KEPT]
@@ -149,7 +165,9 @@ def name_causes(table: Table, seed: int = 0) -> list[Cause]:
 def _shift(evidence: Evidence, cause: Cause, log_factor: float) -> Floats:
     """Return the logarithm by which a cause raises its column, ``(R,)``."""
     shift = np.full(len(evidence.is_light), log_factor, float)
-    if cause.measure:
+    if cause.measure == "missing":
+        shift += ABSENT
+    elif cause.measure:
         shift += cause.power * evidence.measures[cause.measure]
     if cause.where:
         shift *= evidence.labels[cause.where]

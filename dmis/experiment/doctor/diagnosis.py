@@ -7,13 +7,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.doctor.causes import Cause, name_causes, smallest_factors
 from dmis.experiment.doctor.evidence import joint_test
 from dmis.experiment.doctor.gains import FEW, firefly_share, savings
-from dmis.experiment.doctor.means import MOST, Test, smallest_visible, tests, z_limit
+from dmis.experiment.doctor.means import LEAST_ROWS, MOST, Test, smallest_visible, tests, z_limit
 from dmis.experiment.doctor.table import read_table
 
+UNEXPLAINED = 1e-3
+"""Probability of a misfit below which a cause does not explain a table."""
 JOINT_LEVEL = 0.003
 """Level of the joint test in each of both halves of the camera samples."""
 SHOWN = 6
@@ -29,7 +33,7 @@ class Diagnosis:
     tests, limit
         Tests of means, those first that have all rows; the limit of their ``abs(z)``.
     joint
-        Larger p-value of two halves, see `dmis.experiment.doctor.evidence.joint_test`.
+        Larger p-value of two halves, see `dmis.experiment.doctor.evidence.joint_test`; NaN if they are too small.
     rows
         Numbers of rows that were compared: light samples, BRDF samples.
     notes
@@ -52,7 +56,7 @@ class Diagnosis:
     def healthy(self) -> bool:
         """Whether no fault was found."""
         beyond = any(test.trusted and abs(test.z) > self.limit for test in self.tests)
-        return not beyond and self.joint >= JOINT_LEVEL
+        return not (beyond or self.joint < JOINT_LEVEL)
 
     def largest(self, count: int) -> list[Test]:
         """Return the tests of all rows, and so many trusted ones of parts, those of the largest z."""
@@ -63,7 +67,10 @@ class Diagnosis:
     def text(self) -> str:
         """Return a page of text: verdict, causes, evidence, notes."""
         light, brdf = self.rows
-        verdict = "no fault was found" if self.healthy else "densities or f contradict each other"
+        verdict = "no fault was found" if any(test.trusted for test in self.tests) else "too few rows to tell"
+        if not self.healthy:
+            unknown = "no cause that I know explains it: " if self.causes[0].p < UNEXPLAINED else ""
+            verdict = f"{unknown}densities or f contradict each other"
         first = f"verdict: {verdict}, in {light:,} light samples and {brdf:,} BRDF samples that both could draw"
         return "\n".join(
             [first, *self._explanation(), "", *self._evidence(), *(f"note: {note}" for note in self.notes)]
@@ -75,10 +82,12 @@ class Diagnosis:
             return
         best = self.causes[0]
         yield ""
-        yield "causes that explain it" + (", which give the same table:" if len(self.causes) > 1 else ":")
+        explained = best.p >= UNEXPLAINED
+        same = ", which give the same table" if len(self.causes) > 1 else ""
+        yield f"causes that explain it{same}:" if explained else "the nearest causes:"
         yield from (f"  {cause.share:4.0%}  {cause}" for cause in self.causes)
         fit = f"nothing else is wrong once it is taken out (p = {best.p:.2g})"
-        if best.p < 1e-3:
+        if not explained:
             fit = f"it does not explain all (p = {best.p:.1g}): expect a second fault, or one of some materials"
         yield f"how sure: z = {best.z:.1f}; {fit}"
         yield from (f"  hint: {hint}" for hint in dict.fromkeys(cause.hint for cause in self.causes))
@@ -92,8 +101,13 @@ class Diagnosis:
             if test.trusted and abs(test.difference) == 2:
                 seen = f"{'BRDF' if test.difference > 0 else 'light'} sampling never draws these, though its pdf does"
             yield f"  {test.name:8} {test.where:18} {test.difference:+10.2%} {test.z:+7.1f}  {seen}"
-        yield f"  limit of abs(z): {self.limit:.1f} for {sum(t.trusted for t in self.tests)} tests"
-        yield f"  joint test in two halves: p = {self.joint:.2g}, limit {JOINT_LEVEL:g}"
+        count, few = (
+            sum(test.trusted for test in self.tests),
+            f"fewer than {LEAST_ROWS:.0f} rows of a technique expected",
+        )
+        yield f"  limit of abs(z): {self.limit:.1f} for {count} tests; {len(self.tests) - count} left out: {few}"
+        joint = f"left out: {few}" if np.isnan(self.joint) else f"p = {self.joint:.2g}, limit {JOINT_LEVEL:g}"
+        yield f"  joint test in two halves: {joint}"
         if self.smallest:
             factors = ", ".join(f"{name} rows {least:.1%}" for name, least in self.smallest.items())
             yield f"smallest constant errors that would be named: {factors}"

@@ -15,42 +15,44 @@ from functools import cached_property
 import numpy as np
 
 from dmis.base.vectors import Array, Floats
-from dmis.experiment.doctor.means import LEAST_SAMPLES
+from dmis.experiment.doctor.means import LEAST_ROWS, TINIEST, expected_rows
 from dmis.experiment.doctor.table import Table
 
 JOINT = 400_000
 """Rows of each half that is tested."""
+SMALLEST = 1e-5
+"""Least variance of a principal component that is tested, and what is added to all variances in a fit."""
 LIGHT_ROWS = 6
 """Light samples kept for each BRDF sample: more would not make differences more certain."""
 LABELS_TOLD = 4
-"""Most lights, lobes or depths that have a mask of their own; those of the most rows have it."""
+"""Most lights, lobes or depths that have a mask of their own: those of the most rows, but first any that rows of one
+technique lack altogether."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Rows of a table: the first row of each camera sample, then the second rows, and so on.
 
-    `blocks` are the numbers of first, second, ... rows; camera samples with more rows come first. `weight` is how many
-    rows of the table each stands for, `logs` has logarithms of densities (times numbers of samples) and of f,
-    `measures` those of measures by name, and `labels` masks by names such as ``light 3``; ``(R,)`` each.
+    `blocks` are the numbers of first, second, ... rows; camera samples with more rows come first. `logs` has
+    logarithms of densities (times numbers of samples) and of f, `measures` those of measures by name, and `labels`
+    masks by names such as ``light 3``; ``(R,)`` each.
     """
 
     is_light: Array
     blocks: Array
-    weight: Floats
     logs: dict[str, Floats]
     measures: dict[str, Floats]
     labels: dict[str, Array]
 
     @cached_property
     def _fixed(self) -> Floats:
-        """Functions that no factor of a column changes: measures without outliers, and labels."""
-        measures = [np.clip(m - np.median(m), -3, 3) for m in self.measures.values()]
+        """Functions of the direction that no factor changes: measures without outliers, and labels."""
+        measures = [np.clip(m - np.median(m), -3, 3) for name, m in self.measures.items() if name != "pdf"]
         # the first label may be 1 less the others
         return np.array([*measures, *[*self.labels.values()][1:]]).reshape(-1, len(self.is_light))
 
-    def terms(self, column: str = "", shift: Floats | float = 0.0) -> Floats:
-        """Return the terms of the sums m, ``(J, R)``, with the logarithm of a column lowered by `shift`."""
+    def functions(self, column: str = "", shift: Floats | float = 0.0) -> tuple[Floats, Floats]:
+        """Return the functions g, ``(J, R)``, with the logarithm of a column lowered by `shift`, and h, ``(R,)``."""
         logs = self.logs | ({column: self.logs[column] - shift} if column else {})
         x = np.tanh((logs["p_l"] - logs["p_b"]) / 2)  # (a_l - a_b) / (a_l + a_b)
         # max(a_l, a_b) = (a_l + a_b) (1 + |x|) / 2: its logarithm takes a quarter of the time of logaddexp
@@ -58,9 +60,13 @@ class Evidence:
         lit = np.isfinite(estimate)
         middle = estimate[lit].mean() if lit.any() else 0.0
         bounded = 1 / (1 + np.exp(middle - estimate))
-        terms = np.stack([np.ones_like(x), x, x * x, bounded, bounded * x, bounded * bounded, *self._fixed])
-        # a_b / (a_l + a_b) of light samples, -a_l / (a_l + a_b) of BRDF samples
-        terms *= np.where(self.is_light, 1 - x, -1 - x) * (self.weight / 2)
+        g = np.stack([np.ones_like(x), x, x * x, bounded, bounded * x, bounded * bounded, *self._fixed])
+        return g, (1 - x) / 2
+
+    def terms(self, column: str = "", shift: Floats | float = 0.0) -> Floats:
+        """Return the terms of the sums m, ``(J, R)``, for the same column and shift."""
+        terms, h = self.functions(column, shift)
+        terms *= np.where(self.is_light, h, h - 1)
         return terms
 
     def moments(self, column: str = "", shift: Floats | float = 0.0) -> tuple[Floats, Floats]:
@@ -72,11 +78,29 @@ class Evidence:
         covariance = sums @ sums.T - np.outer(total, total) / sums.shape[1]
         return total, covariance
 
+    def p_value(self) -> float:
+        """Return the p-value of Q if nothing is wrong, NaN if too few rows are expected.
+
+        Q is the sum of squares of principal components of m. Only those count that expect `LEAST_ROWS` rows: the
+        smallest, differences of functions that are nearly the same, may be decided by a few.
+        """
+        if self.blocks[0] < LEAST_ROWS:
+            return float("nan")
+        m, covariance = self.moments()
+        error = np.sqrt(np.maximum(np.diag(covariance), TINIEST))
+        sizes, axes = np.linalg.eigh(covariance / np.outer(error, error))
+        axes /= error[:, None]
+        g, h = self.functions()
+        expected = [expected_rows(h, component, self.is_light.astype(np.intp), 1)[0] for component in axes.T @ g]
+        kept = (np.array(expected) >= LEAST_ROWS) & (sizes > SMALLEST)
+        q = float(((axes.T @ m)[kept] ** 2 / sizes[kept]).sum())
+        return p_value(int(kept.sum()), q) if kept.any() else float("nan")
+
 
 def solve(covariance: Floats, m: Floats) -> Floats:
     """Return ``C^-1 m``, with a little added to the diagonal: a function may be nearly a sum of others."""
     error = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
-    correlation = covariance / np.outer(error, error) + 1e-5 * np.eye(len(error))
+    correlation = covariance / np.outer(error, error) + SMALLEST * np.eye(len(error))
     return np.asarray(np.linalg.solve(correlation, m / error) / error)
 
 
@@ -95,57 +119,64 @@ def p_value(degrees: int, q: float) -> float:
 def joint_test(table: Table, seed: int = 0) -> float:
     """Return the larger of the p-values that two halves of the camera samples have if nothing is wrong.
 
-    A few large samples, to which Q is not chi-square, are in one half only.
+    A few large samples, to which Q is not chi-square, are in one half only. NaN if a half expects too few rows to tell.
     """
-    halves = (gather(table, JOINT, seed, half).moments() for half in (0, 1))
-    return max(p_value(len(m), misfit(m, covariance)) for m, covariance in halves)
+    return float(np.max([gather(table, JOINT, seed, half).p_value() for half in (0, 1)]))
 
 
 def gather(table: Table, most: int, seed: int, half: int | None = None) -> Evidence:
     """Return about `most` rows at most: some camera samples, with `LIGHT_ROWS` light rows for each BRDF row.
 
-    With a `half`, 0 or 1, they are of every other camera sample.
+    The rest is as if so many fewer light samples were drawn. With a `half`, 0 or 1, rows are of either half of the
+    camera samples.
     """
     rng = np.random.default_rng(seed)
     brdf = len(table) - np.count_nonzero(table.is_light)
     keep = min(1.0, LIGHT_ROWS * brdf / (len(table) - brdf))
     share = min(1.0, most / (brdf + keep * (len(table) - brdf)))
     chosen = rng.random(int(table.sample[-1]) + 1) < share
-    if half is not None:
-        chosen[1 - half :: 2] = False
+    if half is not None:  # at random: a renderer may draw BRDF samples for every other camera sample alone
+        chosen &= (rng.random(len(chosen)) < 0.5) == bool(half)
     rows = np.flatnonzero(chosen[table.sample] & (~table.is_light | (rng.random(len(table)) < keep)))
     starts = np.flatnonzero(np.diff(table.sample[rows], prepend=-1))
     counts = np.diff(starts, append=len(rows))
     rank = np.arange(len(rows)) - np.repeat(starts, counts)  # 0 for the first row of a camera sample
     rows = rows[np.lexsort((-np.repeat(counts, counts), rank))]
-    is_light, f, a_l, a_b = (a[rows] for a in (table.is_light, table.f, table.a_l, table.a_b))
+    is_light, f, a_l, a_b = (a[rows] for a in (table.is_light, table.f, keep * table.a_l, table.a_b))
+    h = a_b / (a_l + a_b)
     labels: dict[str, Array] = {}
     for name, column in table.labels.items():
-        values, counts = np.unique(column[rows], return_counts=True)
-        for value in values[np.argsort(-counts, kind="stable")][:LABELS_TOLD] if len(values) > 1 else ():
-            mask = column[rows] == value
-            if np.bincount(is_light[mask], minlength=2).min() >= LEAST_SAMPLES:
-                labels[f"{name} {value}"] = mask
+        values, part = np.unique(column[rows], return_inverse=True)
+        side = 2 * part + is_light
+        counts = np.bincount(side, minlength=2 * len(values)).reshape(-1, 2)
+        last = np.lexsort((counts.sum(axis=1), counts.min(axis=1) == 0))
+        enough = expected_rows(h, 1, side, len(values)) >= LEAST_ROWS
+        for k in last[enough[last]][-LABELS_TOLD:] if len(values) > 1 else ():
+            labels[f"{name} {values[k]}"] = part == k
     with np.errstate(divide="ignore"):  # f may be 0
         logs = {"p_l": np.log(a_l), "p_b": np.log(a_b), "f": np.log(f)}
-    weight = np.where(is_light, 1 / keep, 1.0)
-    return Evidence(is_light, np.bincount(rank), weight, logs, dict(measures(table, rows)), labels)
+    return Evidence(is_light, np.bincount(rank, minlength=1), logs, dict(measures(table, rows)), labels)
 
 
 def measures(table: Table, rows: Array) -> Iterator[tuple[str, Floats]]:
     """Yield logarithms of what formulas of densities have, by name, as far as the table has columns for it.
 
-    ``cos/d^2`` of the light, 1 of skies; ``cos`` of the shading normal; ``normals``, the geometric normal's cosine
-    over that; ``sin z``, the sine of the angle between the direction and an axis, 1 of lights that are not skies.
+    ``pdf`` of the technique that drew the row; ``cos_light`` and ``cos/d^2`` of the light, 1 of skies; ``cos`` of the
+    shading normal; ``normals``, the geometric normal's cosine over that; ``sin z``, the sine of the angle between the
+    direction and an axis, 1 of lights that are not skies.
     """
-    direction = table.geometry("direction", rows)
+    p_l, p_b = (np.asarray(table.given(name, rows), float) for name in ("p_l", "p_b"))
+    yield "pdf", np.log(np.where(table.is_light[rows], p_l, p_b))
+    direction = table.given("direction", rows)
     if direction is None:
         return
-    columns = (table.geometry(name, rows) for name in ("normal", "geometric_normal", "distance", "light_normal"))
+    columns = (table.given(name, rows) for name in ("normal", "geometric_normal", "distance", "light_normal"))
     normal, geometric, distance, of_light = columns
     sky = np.ones(len(rows), bool) if distance is None else np.isinf(distance)
     if distance is not None and of_light is not None and not sky.all():
-        yield "cos/d^2", np.where(sky, 0, _log_cos(of_light, direction) - 2 * np.log(np.where(sky, 1, distance)))
+        cos = np.where(sky, 0, _log_cos(of_light, direction))
+        yield "cos_light", cos
+        yield "cos/d^2", cos - 2 * np.log(np.where(sky, 1, distance))
     if normal is not None:
         yield "cos", _log_cos(normal, direction)
     if normal is not None and geometric is not None and (normal != geometric).any():

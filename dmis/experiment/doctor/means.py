@@ -34,8 +34,9 @@ POWER = 0.9
 """Probability with which the smallest fault is found that a test is said to see."""
 SPAN = 8.0
 """Largest ratio of the densities in the tests of w = 0 and w = 1."""
-LEAST_SAMPLES = 50.0
-"""Least effective number of rows of each technique in a test: of fewer, the sum is not normal."""
+LEAST_ROWS = 50.0
+"""Least number of rows that a test must expect of each technique, and of camera samples: of fewer, the sum is not
+normal."""
 BLOCKS = 4
 """Blocks of pixels across and down."""
 MOST = 2_000_000
@@ -50,8 +51,7 @@ class Test(NamedTuple):
     """Comparison of light samples with BRDF samples by (1).
 
     `difference` is light samples' sum minus that of BRDF samples over their mean, `error` its standard error, and `z`
-    their ratio, corrected for skewness. `effective` is the effective number of rows of the technique that has fewer,
-    ``(sum x)^2 / sum x^2`` of its terms x; in the test of numbers, of a technique without rows: the expected number.
+    their ratio, corrected for skewness. `expected` is the least of `expected_rows` and the number of camera samples.
     """
 
     name: str
@@ -60,12 +60,12 @@ class Test(NamedTuple):
     error: float
     z: float
     rows: int
-    effective: float
+    expected: float
 
     @property
     def trusted(self) -> bool:
         """Whether few samples do not decide it."""
-        return self.effective >= LEAST_SAMPLES
+        return self.expected >= LEAST_ROWS
 
 
 def z_limit(tests: int) -> float:
@@ -78,31 +78,43 @@ def smallest_visible(test: Test, limit: float) -> float:
     return (limit + NormalDist().inv_cdf(POWER)) * test.error
 
 
-def terms(table: Table) -> Iterator[tuple[str, Array]]:
-    """Yield by test a term of each row, ``(R,)``, positive of light samples; the expected sum is 0."""
-    is_light, total = table.is_light, table.a_l + table.a_b
-    signed = np.where(is_light, table.a_b, -table.a_l) / total
-    yield "numbers", signed
-    yield "ratios", (table.a_l - table.a_b) / total * signed
-    f = table.f / total  # estimate of the balance heuristic
-    yield "f", f * signed
-    f *= (table.a_l <= SPAN * table.a_b) & (table.a_b <= SPAN * table.a_l)
-    # f / a_l - f / (a_l + a_b) = f / (a_l + a_b) a_b / a_l
-    yield "w = 1", np.where(is_light, f * table.a_b / table.a_l, -f)
-    yield "w = 0", np.where(is_light, f, -f * table.a_l / table.a_b)
+def expected_rows(h: Array, g: Array | float, side: Array, parts: int) -> Array:
+    """Return the effective number of rows that a test expects of the technique that has fewer, by part, ``(parts,)``.
+
+    It is ``(E sum x)^2 / E sum x^2`` of the terms ``x = g h`` of light samples, ``h = a_b / (a_l + a_b)``, or ``x =
+    g (1 - h)`` of BRDF samples. Rows of each technique estimate E sum x^2 of the other, by the sum of
+    ``g^2 h (1 - h)``, and so tell of rare rows that did not occur: the largest of all sums counts. `side` is twice the
+    part, and 1 more of light samples.
+    """
+    x = g * np.where(side % 2, h, 1 - h)
+    columns = (np.abs(x), x * x, g * g * h * (1 - h))
+    sums, own, other = (np.bincount(side, column, 2 * parts).reshape(-1, 2).max(axis=1) for column in columns)
+    return np.asarray(sums**2 / (np.maximum(own, other) + TINIEST))
+
+
+def functions(table: Table) -> Iterator[tuple[str, Array]]:
+    """Yield by test the function g of (1) in each row, ``(R,)``."""
+    total = table.a_l + table.a_b
+    yield "numbers", np.ones(len(table))
+    yield "ratios", (table.a_l - table.a_b) / total
+    yield "f", table.f / total  # estimate of the balance heuristic
+    near = (table.a_l <= SPAN * table.a_b) & (table.a_b <= SPAN * table.a_l)
+    yield "w = 1", np.divide(table.f, table.a_l, out=np.zeros(len(table)), where=near)
+    yield "w = 0", np.divide(table.f, table.a_b, out=np.zeros(len(table)), where=near)
 
 
 def parts(table: Table) -> Iterator[tuple[list[str], Array]]:
     """Yield names of parts, and the part of each row, ``(R,)``, as far as the table has columns for it."""
     for label, column in table.labels.items():
         values = np.unique(column)
-        yield [f"{label} {value}" for value in values], np.searchsorted(values, column).astype(np.int16)
+        part = np.searchsorted(values, column)
+        yield [f"{label} {value}" for value in values], part.astype(np.min_scalar_type(len(values)))
     if table.shape is not None:
         height, width = table.shape
         row, column = np.divmod(table.pixel, width)
         names = [f"block {i + 1}, {j + 1}" for i in range(BLOCKS) for j in range(BLOCKS)]
         yield names, (row * BLOCKS // height * BLOCKS + column * BLOCKS // width).astype(np.int16)
-    direction = table.geometry("direction")
+    direction = table.given("direction")
     if direction is not None:
         x, y, z = direction.T
         step = np.clip((z + 1) / 2 * HEIGHTS, 0, HEIGHTS - 1).astype(np.int16)
@@ -114,9 +126,9 @@ def parts(table: Table) -> Iterator[tuple[list[str], Array]]:
 
 def tests(table: Table) -> list[Test]:
     """Return the tests of all rows, and then of parts: lights, lobes, depths, blocks of pixels, cells of directions."""
-    found = list(_tests(table, dict(terms(table)), ["all rows"], np.zeros(len(table), np.int16)))
+    found = list(_tests(table, dict(functions(table)), ["all rows"], np.zeros(len(table), np.int16)))
     some = table.thinned(MOST)
-    of_rows = dict(terms(some))
+    of_rows = dict(functions(some))
     return found + [test for names, part in parts(some) for test in _tests(some, of_rows, names, part)]
 
 
@@ -125,20 +137,18 @@ def _tests(table: Table, of_rows: Mapping[str, Array], names: list[str], part: A
     order = np.argsort(part, kind="stable")
     part, sample = part[order], table.sample[order]
     starts = np.flatnonzero((np.diff(sample, prepend=-1) != 0) | (np.diff(part, prepend=-1) != 0))
-    side = 2 * part + table.is_light[order]
-    rows = np.bincount(part, minlength=len(names))
-    for name, signed in of_rows.items():
-        x = signed[order].astype(float)
+    rows, samples = (np.bincount(a, minlength=len(names)) for a in (part, part[starts]))
+    is_light, h = table.is_light[order], (table.a_b / (table.a_l + table.a_b))[order]
+    side, signed = 2 * part.astype(np.intp) + is_light, np.where(is_light, h, h - 1)
+    for name, function in of_rows.items():
+        g = function[order]
+        x = g * signed
         d = np.add.reduceat(x, starts)  # of a camera sample in a part
         total, squares, cubes = (np.bincount(part[starts], power, len(names)) for power in (d, d * d, d * d * d))
-        # (parts, 2): of BRDF samples, and of light samples
-        sums, sums_of_squares = (np.bincount(side, a, 2 * len(names)).reshape(-1, 2) for a in (np.abs(x), x * x))
-        effective = (sums**2 / (sums_of_squares + TINIEST)).min(axis=1)
-        if name == "numbers":
-            effective = np.where(sums.min(axis=1) > 0, effective, sums.max(axis=1))
-        mean = sums.sum(axis=1) / 2 + TINIEST
+        expected = np.minimum(samples, expected_rows(h, g, side, len(names)))
+        mean = np.bincount(part, np.abs(x), len(names)) / 2 + TINIEST
         error = np.sqrt(np.maximum(squares - total**2 / (table.sample[-1] + 1), TINIEST))
         t, s = total / error, cubes / (squares + TINIEST) ** 1.5
         z = t + s * t**2 / 3 + s**2 * t**3 / 27 + s / 6
-        columns = (total / mean, error / mean, z, rows, effective)
+        columns = (total / mean, error / mean, z, rows, expected)
         yield from (Test(name, names[k], *(column[k].item() for column in columns)) for k in np.flatnonzero(rows))

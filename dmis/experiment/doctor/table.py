@@ -9,7 +9,7 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,56 @@ from dmis.experiment.bench.samples import SampleTable
 
 VERSION = 1
 """Version of the format."""
-COLUMNS = ("pixel", "camera_sample", "technique", "f", "p_l", "p_b")
-"""Columns that every table has."""
+LARGE = 2.0**31 - 1
+"""Largest number of a pixel or a camera sample."""
+FINITE = float(np.finfo(np.float32).max)
+"""Largest number that is not infinite."""
+UNIT = (-1.01, 1.01)
+"""Limits of the coordinates of unit vectors, and 0.01 the largest error of their length."""
+
+
+class Column(NamedTuple):
+    """What a column must be: kind and shape, where R is the number of rows; limits; meaning; what only it can tell."""
+
+    kind: str
+    shape: str
+    low: float
+    high: float
+    meaning: str
+    tells: str = ""
+
+    def __str__(self) -> str:
+        shape = self.shape and f" of shape {self.shape}"
+        return f"{self.kind}{shape} from {self.low:,.10g} to {self.high:,.10g}: {self.meaning}"
+
+
+DRAWN = "how many are drawn for each camera sample; without one technique there is nothing to compare"
+DENSITY = "per solid angle, in every row; leave out delta lights and mirrors, which have none"
+COLUMNS = {
+    "version": Column("a whole number", "", VERSION, VERSION, "version of the format"),
+    "light_samples": Column("a number", "", 1e-6, FINITE, DRAWN),
+    "brdf_samples": Column("a number", "", 1e-6, FINITE, DRAWN),
+    "pixel": Column("whole numbers", "(R,)", 0, LARGE, "row x width + column, less than height x width"),
+    "camera_sample": Column("whole numbers", "(R,)", 0, LARGE, "number of the camera sample in its pixel, from 0"),
+    "technique": Column("whole numbers", "(R,)", -1, 1, "0 light sampling, 1 BRDF sampling, -1 a row to ignore"),
+    "f": Column("finite numbers", "(R,) or (R, 3)", -FINITE, FINITE, "BRDF x radiance x cosine x visibility"),
+    "p_l": Column("finite numbers", "(R,)", 0, FINITE, DENSITY),
+    "p_b": Column("finite numbers", "(R,)", 0, FINITE, DENSITY),
+    "light": Column("whole numbers", "(R,)", -LARGE, LARGE, "number of the light", "a fault of one light"),
+    "lobe": Column("whole numbers", "(R,)", -LARGE, LARGE, "number of the lobe or material", "one of a material"),
+    "depth": Column("whole numbers", "(R,)", -LARGE, LARGE, "number of the surface on the path", "one of a bounce"),
+    "direction": Column("unit vectors", "(R, 3)", *UNIT, "from the surface to the light", "any cosine or sine"),
+    "normal": Column("unit vectors", "(R, 3)", *UNIT, "shading normal", "a forgotten cosine of the surface"),
+    "geometric_normal": Column("unit vectors", "(R, 3)", *UNIT, "that of the triangle", "confused normals"),
+    "light_normal": Column("unit vectors", "(R, 3)", *UNIT, "at the light", "a forgotten cosine of the light"),
+    "distance": Column("numbers", "(R,)", 1e-30, np.inf, "to the light, infinite for a sky", "a density per area"),
+    "shape": Column("whole numbers", "(2,)", 1, LARGE, "height and width of the image", "a fault in some pixels"),
+    "rows": Column("a whole number", "", 0, LARGE, "R, the number of rows"),
+    "visible_only": Column("a whole number", "", 0, 1, "1 if rows with f = 0 are not written"),
+}
+"""All columns: first those that every table has."""
+REQUIRED = tuple(COLUMNS)[:9]
+GEOMETRY = ("direction", "normal", "geometric_normal", "light_normal", "distance")
 LABELS = ("light", "lobe", "depth")
 """Optional columns of whole numbers: which light, which lobe or material, which surface of the path."""
 MOST_MASS = 3.0
@@ -59,8 +107,8 @@ class Table:
         labels = {name: label[kept] for name, label in self.labels.items()}
         return replace(self, sample=self.sample[kept] // k, labels=labels, **columns)
 
-    def geometry(self, name: str, rows: Array | slice = slice(None)) -> Array | None:
-        """Return a column of geometry in some rows, as it was given; None if the table does not have it."""
+    def given(self, name: str, rows: Array | slice = slice(None)) -> Array | None:
+        """Return a column in some rows, as it was given; None if the table does not have it."""
         return np.asarray(self.source[name])[self.index[rows]] if name in self.source else None
 
 
@@ -75,7 +123,7 @@ def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable)
     if isinstance(source, SampleTable):
         w, s = float(source.w[0]), source.shading_samples
         of_header = {"version": VERSION, "light_samples": w * s, "brdf_samples": (1 - w) * s, "shape": source.shape}
-        names = (*COLUMNS, "light")
+        names = (*REQUIRED[3:], "light")
         return _table({name: getattr(source, name) for name in names} | of_header)
     if isinstance(source, Mapping):
         return _table(source)
@@ -87,24 +135,20 @@ def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable)
 
 def _table(source: Mapping[str, Any]) -> Table:
     """Return the table of arrays by name."""
-    if missing := [name for name in ("version", "light_samples", "brdf_samples", *COLUMNS) if name not in source]:
+    if missing := [name for name in REQUIRED if name not in source]:
         raise ValueError(f"columns {', '.join(missing)} are missing; there are {', '.join(source) or 'none'}")
-    if int(source["version"]) != VERSION:
-        raise ValueError(f"version must be {VERSION}; got {source['version']}")
-    n_l, n_b = float(source["light_samples"]), float(source["brdf_samples"])
-    if not (0 < n_l < np.inf and 0 < n_b < np.inf):
-        raise ValueError(
-            f"light_samples and brdf_samples, drawn for each camera sample, must be positive: without one there is "
-            f"nothing to compare; got {n_l:g} and {n_b:g}"
-        )
-    columns = {name: np.asarray(source[name]) for name in (*COLUMNS, *LABELS) if name in source}
-    _check_lengths(columns, source)
+    count = int(_column(source, "rows")) if "rows" in source else np.size(source["pixel"])
+    n_l, n_b, _ = (float(_column(source, name)) for name in ("light_samples", "brdf_samples", "version"))
+    columns = {name: _column(source, name, count) for name in REQUIRED[3:]}
+    shape = tuple(_column(source, "shape").tolist()) if "shape" in source else None
+    if shape is not None and columns["pixel"].max(initial=0) >= shape[0] * shape[1]:
+        raise ValueError(f"pixel must be {COLUMNS['pixel']}; got {columns['pixel'].max():,} with shape {shape}")
     technique, f, p_l, p_b = (columns[name] for name in ("technique", "f", "p_l", "p_b"))
     f = f if f.ndim == 1 else f.mean(axis=1)
     _check_values(technique, f, p_l, p_b)
     common = (technique >= 0) & (p_l > 0) & (p_b > 0)
     occluded = np.bincount(technique[common & (f == 0)], minlength=2)
-    visible_only = bool(source["visible_only"]) if "visible_only" in source else not occluded.all()
+    visible_only = bool(_column(source, "visible_only")) if "visible_only" in source else not occluded.all()
     # whether f is positive is a function of the direction, so that rows with f = 0 may be left out of all tests
     rows = np.flatnonzero(common & (f > 0) if visible_only else common)
     lights = np.count_nonzero(technique[rows] == 0)
@@ -114,41 +158,56 @@ def _table(source: Mapping[str, Any]) -> Table:
             f"{lights:,} light samples and {len(rows) - lights:,} BRDF samples have p_l > 0 and p_b > 0. Write both "
             f"densities into every row"
         )
-    key = columns["pixel"][rows] * np.int64(1 + columns["camera_sample"].max()) + columns["camera_sample"][rows]
+    columns |= {name: _column(source, name, count, rows) for name in LABELS if name in source}
+    for name in filter(source.__contains__, GEOMETRY):
+        _column(source, name, count, rows)  # not kept: it is large
+    camera_samples = 1 + int(columns["camera_sample"].max())
+    key = columns["pixel"][rows].astype(np.int64) * camera_samples + columns["camera_sample"][rows]
     if (np.diff(key) < 0).any():
         order = np.argsort(key, kind="stable")
         rows, key = rows[order], key[order]
     sample = np.concatenate([[0], np.cumsum(np.diff(key) > 0, dtype=np.int32)])
     a_l, a_b = n_l * p_l[rows].astype(float), n_b * p_b[rows].astype(float)
     labels = {name: columns[name][rows] for name in LABELS if name in columns}
-    shape = (int(source["shape"][0]), int(source["shape"][1])) if "shape" in source else None
     f, pixel = f[rows].astype(np.float32), columns["pixel"][rows]
     table = Table(technique[rows] == 0, f, a_l, a_b, sample, pixel, labels, source, rows, shape)
     _check_counts(table, n_l, n_b)
     notes = list(_doubts(table))
     if visible_only and occluded.any():
         notes.append("rows with f = 0 are left out: one technique has none, or the table says visible_only")
+    if absent := [
+        f"{name} ({column.tells})" for name, column in COLUMNS.items() if column.tells and name not in source
+    ]:
+        notes.append(f"columns that are absent, and what they would tell: {', '.join(absent)}")
     return replace(table, notes=tuple(notes))
 
 
-def _check_lengths(columns: Mapping[str, Array], source: Mapping[str, Any]) -> None:
-    """Raise a ValueError if columns are not of one length, which is `rows` if that is given."""
-    lengths = {name: len(column) if column.ndim else 0 for name, column in columns.items()}
-    rows = int(source["rows"]) if "rows" in source else lengths["pixel"]
-    if wrong := {name: length for name, length in lengths.items() if length != rows}:
-        counts = ", ".join(f"{name} has {length:,}" for name, length in wrong.items())
-        raise ValueError(f"all columns must have {rows:,} rows; {counts}. Was the file closed by the renderer?")
+def _column(source: Mapping[str, Any], name: str, count: int = 0, rows: Array | slice = slice(None)) -> Array:
+    """Return a column of a table of `count` rows; raise a ValueError unless some `rows` are what `COLUMNS` says."""
+    column, values = COLUMNS[name], np.asarray(source[name])
+    must = f"{name} must be {column}; got"
+    if str(values.shape) not in (column.shape or "()").replace("R", str(count)).split(" or "):
+        raise ValueError(f"{must} shape {values.shape}, R = {count:,}. Was the file closed by the renderer?")
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"{must} values of type {values.dtype}")
+    some = np.atleast_1d(values)[rows]
+    wrong = np.asarray(~((column.low <= some) & (some <= column.high)))  # and so is NaN
+    if "whole" in column.kind:
+        wrong |= some != np.floor(some)
+    if "unit" in column.kind:
+        wrong |= np.abs(np.linalg.norm(some, axis=1, keepdims=True) - 1) > 0.01
+    if wrong.any():
+        k = int(np.argmax(wrong.reshape(len(some), -1).any(axis=1)))
+        row = f" in row {np.arange(count)[rows][k]:,}" if "R" in column.shape else ""
+        raise ValueError(f"{must} {some[k]}{row}")
+    return values.astype(np.int64) if "whole" in column.kind and values.dtype.kind != "i" else values
 
 
 def _check_values(technique: Array, f: Array, p_l: Array, p_b: Array) -> None:
-    """Raise a ValueError that names the first row with values that no renderer may have."""
+    """Raise a ValueError that names the first row with values that contradict each other."""
     own = np.where(technique == 1, p_b, p_l)
     drawn = technique >= 0
     for wrong, text in (
-        (~np.isin(technique, (-1, 0, 1)), "technique must be 0 (light), 1 (BRDF) or -1 (ignored)"),
-        (~np.isfinite(f), "f must be a number: a NaN or infinity in a sample spoils its pixel"),
-        (~np.isfinite(p_l + p_b), "densities must be numbers; leave out delta lights and mirrors, which have none"),
-        ((p_l < 0) | (p_b < 0), "densities must not be negative"),
         (f < 0, "f, the mean of its channels, must not be negative"),
         (drawn & (own <= 0) & (f > 0), "the technique drew a direction whose density it calls 0, with f > 0"),
     ):
@@ -177,10 +236,10 @@ def _doubts(table: Table) -> Iterator[str]:
     """Yield what may be wrong with the table itself, as sentences."""
     lights = len(np.unique(table.labels["light"])) if "light" in table.labels else 1
     draws = lights * (int(table.sample[-1]) + 1)
-    ratio = table.a_b / table.a_l
-    for drawn, terms, name in ((table.is_light, ratio, "p_b / p_l"), (~table.is_light, 1 / ratio, "p_l / p_b")):
+    of_light, a_l, a_b = table.is_light, table.a_l, table.a_b
+    for drawn, a, own, name in ((of_light, a_b, a_l, "p_b / p_l"), (~of_light, a_l, a_b, "p_l / p_b")):
         # E[p_b / p_l] of a light sample = probability that a BRDF sample is one that light sampling can draw <= 1
-        mass = terms[drawn].sum() / draws
+        mass = (a[drawn] / own[drawn]).sum() / draws
         if mass > MOST_MASS:
             yield (
                 f"the mean of {name} over the rows of the technique below is a probability, but it is {mass:.3g}: is "
