@@ -10,14 +10,18 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from doctor_faults import dmis_table, small
+from doctor_faults import small
 
 import dmis
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "exporters"))
+import dmis_table  # type: ignore[import-not-found]
 
 KINDS: dict[str, dict[str, Any]] = {
     "one lamp": {},
@@ -126,12 +130,14 @@ def random_scene(seed: int) -> dmis.Scene:
     """Return a floor and balls of random materials, with lamps of three kinds and sometimes a sky."""
     rng = np.random.default_rng(seed)
     colour, rough = rng.uniform(0.1, 0.8, (9, 3)), np.exp(rng.uniform(-6, 0, 9))
-    models = dmis.matte, dmis.plastic, dmis.metal, dmis.substrate, dmis.shiny_metal
+    models: tuple[Any, ...] = dmis.matte, dmis.plastic, dmis.metal, dmis.substrate, dmis.shiny_metal
     lamps: list[Any] = []
     for k in range(rng.integers(1, 7)):
-        centre, radius, tint = rng.uniform([-2, -2, 0.8], [2, 2, 3]), np.exp(rng.uniform(-4, 0)), rng.uniform(0.1, 9, 3)
+        centre: Any = rng.uniform([-2, -2, 0.8], [2, 2, 3])
+        radius, tint = np.exp(rng.uniform(-4, 0)), tuple(rng.uniform(0.1, 9, 3))
         if k % 3 == 0:
-            lamps.append(dmis.DiskLight(centre, rng.normal(size=3) - [0, 0, 2], radius, tint))
+            normal: Any = rng.normal(size=3) - [0, 0, 2]
+            lamps.append(dmis.DiskLight(centre, normal, radius, tint))
         elif k % 3 == 1:
             lamps.append(dmis.SphereLight(centre, radius / 2, tint))
         else:
@@ -158,12 +164,13 @@ def trial(kind: str, seed: int) -> tuple[bool, str]:
     """Return whether a right table alarms, and by what."""
     rng = np.random.default_rng((seed, 7))
     spp = int(2 ** rng.integers(2, 6))
+    table: Any
     if kind in KINDS:
         table = floor(seed, **KINDS[kind])
     elif kind == "samples of dmis":
         table = dmis.samples(shipped(seed), spp=spp, seed=seed, weight=rng.uniform(0.1, 0.9))
     elif seed % 2:
-        paths = {"integrator": "path", "max_depth": 3} if seed % 4 == 1 else {}
+        paths: dict[str, Any] = {"integrator": "path", "max_depth": 3} if seed % 4 == 1 else {}
         table = dmis.samples(random_scene(seed), spp=spp, seed=seed, **paths)
     else:
         table = dmis_table.table(random_scene(seed), spp, seed)
@@ -179,7 +186,8 @@ def trial(kind: str, seed: int) -> tuple[bool, str]:
 
 def run() -> None:
     """Print the shares of alarms."""
-    per_kind, scenes = (int(a) for a in (*sys.argv[1:], 100, 300)[:2]) if len(sys.argv) != 2 else (int(sys.argv[1]), 0)
+    counts = [int(a) for a in sys.argv[1:]] or [100, 300]
+    per_kind, scenes = [*counts, 0][:2]
     alarms, tables = 0, 0
     for kind in (*KINDS, "samples of dmis", "random scenes"):
         begin = time.process_time()
