@@ -13,7 +13,7 @@ import struct
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -146,6 +146,24 @@ def tga(*greys: int) -> bytes:
     """Return a TGA file of one row of grey pixels."""
     header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([len(greys), 0, 1, 0, 24, 0])
     return header + bytes(np.repeat(np.uint8(greys), 3))
+
+
+def triangle_ply(
+    rows: Sequence[str] = ("0 0 0", "1 0 0", "0 1 0"),
+    face: str | None = "3 0 1 2",
+    names: Sequence[str] = "xyz",
+    comment: str = "none",
+) -> str:
+    """Return a PLY file of three vertices, whose columns have names, and one face; None: no faces."""
+    head = [
+        "ply",
+        "format ascii 1.0",
+        f"comment {comment}",
+        "element vertex 3",
+        *(f"property float {n}" for n in names),
+    ]
+    faces = [] if face is None else ["element face 1", "property list uchar int vertex_indices"]
+    return "\n".join([*head, *faces, "end_header", *rows, face or "", ""])
 
 
 def pickled(value: Any) -> Any:

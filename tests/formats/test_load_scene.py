@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, glb, z_score
+from helpers import Z_LIMIT, glb, triangle_ply, z_score
 from PIL import Image as PIL
 
 from dmis.brdf.materials import matte, mirror, plastic
@@ -16,7 +16,7 @@ from dmis.cli.commands import main
 from dmis.formats.load_scene import SKY, SOFT_SKY, light_part, load_scene
 from dmis.formats.model import DEFAULT_MATERIAL
 from dmis.geometry.mesh import Mesh, flat_normals
-from dmis.geometry.mesh_files import from_trimesh, load_mesh
+from dmis.geometry.mesh_files import from_trimesh
 from dmis.geometry.shapes import quad
 from dmis.image import write_exr
 from dmis.light.area import DiskLight, QuadLight, SphereLight
@@ -55,7 +55,8 @@ def test_error_lists_known_names(monkeypatch, pbrt_file):
 
 
 @pytest.mark.parametrize("suffix", ["ply", "obj", "glb", "stl"])
-def test_mesh_files(tmp_path, suffix):
+def test_mesh_files(tmp_path, capsys, suffix):
+    """What is given is taken; a file without materials loads without a warning, and info names nothing unread."""
     path = tmp_path / f"box.{suffix}"
     BOX.export(path)
     gloss, light = plastic(), PointLight((1, 2, 3), (4, 4, 4))
@@ -65,6 +66,10 @@ def test_mesh_files(tmp_path, suffix):
     assert (part.material, part.mesh.triangles, scene.lights, scene.name) == (gloss, 12, (light,), "box")
     assert scene.camera is camera
     assert load_scene(path, (4, 2), camera=camera).camera.resolution == (4, 2)
+    assert "unread" not in load_scene(path, (8, 8)).source
+    assert main(["info", str(path), "--resolution", "8x8"]) == 0
+    output = capsys.readouterr()
+    assert "needs interpolated normals" not in output.out and "not read" not in output.out and output.err == ""
 
 
 @pytest.mark.parametrize("source", [BOX, Mesh(BOX.vertices, BOX.faces), trimesh.Scene(BOX)])
@@ -136,10 +141,12 @@ def test_materials_by_name():
     scene.add_geometry(BOX, geom_name="a")
     scene.add_geometry(BOX, geom_name="b", transform=trimesh.transformations.translation_matrix([5, 0, 0]))
     red, glossy = matte((1, 0, 0)), mirror()
+    scene.graph.update("again", matrix=trimesh.transformations.translation_matrix([0, 3, 0]), geometry="a")
     parts = load_scene(scene, material={"a": red, "b": glossy}, lights=()).parts
-    assert [part.material for part in parts] == [red, glossy]
-    np.testing.assert_allclose(parts[1].mesh.vertices.mean(axis=0), [5, 0, 0])
-    assert load_scene(scene, material={"a": red}, lights=()).parts[1].material is DEFAULT_MATERIAL
+    centres = {tuple(part.mesh.vertices.mean(axis=0).round(9)): part.material for part in parts}
+    assert centres == {(0, 0, 0): red, (5, 0, 0): glossy, (0, 3, 0): red}
+    parts = load_scene(scene, material={"a": red}, lights=()).parts
+    assert sorted(part.material is DEFAULT_MATERIAL for part in parts) == [False, False, True]
 
 
 @pytest.mark.parametrize("kind", ["faces", "vertices", "material", "image"])
@@ -169,14 +176,6 @@ def test_colours_and_materials_of_trimesh(tmp_path, kind):
         assert load_scene(trimesh.Scene({"flat": flat, "a": thing}), material={"a": mirror()}).parts[0].mesh.triangles
 
 
-def test_instances_of_one_geometry():
-    scene = trimesh.Scene()
-    scene.add_geometry(BOX, geom_name="a", node_name="one")
-    scene.graph.update("two", matrix=trimesh.transformations.translation_matrix([0, 3, 0]), geometry="a")
-    parts = load_scene(scene, material={"a": matte()}, lights=()).parts
-    assert sorted(part.mesh.vertices.mean(axis=0)[1] for part in parts) == pytest.approx([0, 3], abs=1e-9)
-
-
 @pytest.mark.parametrize(
     "light",
     [
@@ -204,13 +203,7 @@ def test_area_lights_get_a_surface_that_they_hit(light):
 @pytest.mark.parametrize(
     "source, arguments, kind, message",
     [
-        (
-            "no-such-scene",
-            {},
-            ValueError,
-            r"ending in \.pbrt, .*or one of the scenes that come with dmis: .*'no-such-sc",
-        ),
-        ("picture.png", {}, ValueError, "got 'picture.png'"),
+        ("no-such-scene", {}, ValueError, r"ending in \.pbrt, .*or one of the scenes .*: .*got 'no-such-scene'"),
         ("../scenes/tt", {}, ValueError, "a scene must be a file ending in"),
         ("none.pbrt", {}, FileNotFoundError, r"there is no scene file none\.pbrt"),
         ("scenes/ttt.pbrt", {}, FileNotFoundError, r"ttt\.pbrt, did you mean 'tt\.pbrt'\?"),
@@ -223,7 +216,6 @@ def test_area_lights_get_a_surface_that_they_hit(light):
         (BOX, {"lights": EnvironmentLight(np.ones((1, 2, 3)))}, ValueError, "lights must be a list; got one Env"),
         (BOX, {"fov": "x"}, ValueError, "fov must be a number; got 'x'"),
         (BOX, {"resolution": 5}, ValueError, "resolution must be two numbers; got 5"),
-        ("teapot-area-light", {"resolution": 5}, ValueError, "resolution must be two numbers; got 5"),
         ("teapot-area-light", {"resolution": (6.5, 5)}, ValueError, "resolution must be a whole number; got 6.5"),
         (BOX, {"material": {"a": matte()}}, ValueError, r"or geometries of the source, \[''\]; got 'a'"),
     ],
@@ -307,16 +299,11 @@ def box_glb(path, **more):
 def unread_files(folder):
     """Files by what they hold beside triangles."""
     red = trimesh.Trimesh(BOX.vertices, BOX.faces, vertex_colors=np.full((8, 4), 255, np.uint8), process=False)
-    (
-        red.export(folder / "red.ply"),
-        red.export(folder / "red.obj"),
-    )
+    for suffix in ("ply", "obj"):
+        red.export(folder / f"red.{suffix}")
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl wood\nf 1 2 3\nusemtl glass\nf 1 3 2\nusemtl wood\nf 2 1 3\n"
     (folder / "two.obj").write_text(text)
-    head = ["ply", "format ascii 1.0", "comment TextureFile wood grain.png", "element vertex 3"]
-    head += ["property float x", "property float y", "property float z", "element face 1"]
-    head += ["property list uchar int vertex_indices", "end_header", "0 0 0", "1 0 0", "0 1 0", "3 0 1 2", ""]
-    (folder / "grain.ply").write_text("\n".join(head))
+    (folder / "grain.ply").write_text(triangle_ply(comment="TextureFile wood grain.png"))
     return {
         box_glb(folder / "moved.glb", animations=[{}, {}], extensionsUsed=["KHR_materials_sheen"]): (
             "animation (2), extension KHR_materials_sheen"
@@ -343,17 +330,6 @@ def test_materials_of_mesh_files_that_are_not_read_are_named(tmp_path, capsys):
             assert main(["info", str(path), "--resolution", "8x8"]) == 0
         output = capsys.readouterr()
         assert f"not read from the file: {named}\n" in output.out and f"left out: {named}" in output.err
-
-
-def test_files_without_materials_load_without_a_warning(tmp_path, capsys):
-    """And info names nothing that is not read."""
-    for suffix in ("glb", "obj", "ply", "stl"):
-        BOX.export(tmp_path / f"box.{suffix}")
-        scene = load_scene(tmp_path / f"box.{suffix}", (8, 8))
-        assert "unread" not in scene.source and scene.name == "box"
-    assert main(["info", str(tmp_path / "box.ply"), "--resolution", "8x8"]) == 0
-    output = capsys.readouterr()
-    assert "needs interpolated normals" not in output.out and "not read" not in output.out and output.err == ""
 
 
 def test_an_image_on_a_mesh_without_texture_coordinates_warns():
@@ -388,17 +364,3 @@ def test_a_pbrt_texture_without_coordinates_warns(tmp_path):
         load_scene(path, dialect="v2")
     path.write_text(f'WorldBegin {world} {shape} "float uv" [0 0 1 0 0 1] WorldEnd')
     load_scene(path, dialect="v2")
-
-
-@pytest.mark.parametrize(
-    "row, wrong", [("3 0 1.5 2", "hold whole numbers below 3, .*; got 1.5"), ("3.5 0 1 2", "have whole numbers of")]
-)
-def test_lists_of_fractions_in_ply_are_refused(tmp_path, row, wrong):
-    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {n}" for n in "xyz"), "element face 1"]
-    body = ["property list uchar int vertex_indices", "end_header", "0 0 0.5", "1 0 0.5", "0 1 0.5"]
-    path = tmp_path / "a.ply"
-    path.write_text("\n".join([*head, *body, row, ""]))
-    with pytest.raises(ValueError, match=f"the lists of a PLY file must {wrong}"):
-        load_mesh(path)
-    path.write_text("\n".join([*head, *body, "3 0 1 2", ""]))
-    assert load_mesh(path).triangles == 1

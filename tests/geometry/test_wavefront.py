@@ -49,13 +49,6 @@ def test_relative_indices_count_from_their_line(tmp_path):
     np.testing.assert_allclose(relative.normals[:, 1] / relative.normals[:, 2], z)
 
 
-@pytest.mark.parametrize("face", ["f -4 -3 -2 -1", "f -4//-1 -3//-1 -2//-1 -1//-1", "f 1 -3 3 -1"])
-def test_relative_indices_in_every_form(tmp_path, face):
-    mesh = load(tmp_path, f"{QUAD}vn 0 0 1\n{face}\nv 7 7 7\nv 8 8 8\nv 9 9 9\nv 6 6 6\nvn 1 0 0\n")
-    assert corners(mesh) == corners(Mesh(SQUARE, np.array([[0, 1, 2], [0, 2, 3]])))
-    assert mesh.normals is None or (mesh.normals == (0, 0, 1)).all()
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -73,6 +66,9 @@ def test_relative_indices_in_every_form(tmp_path, face):
         (QUAD + "f 1 2 3 4\n").replace("\n", "\r\n"),
         "\ufeff" + QUAD + "f 1 2 3 4\n",
         QUAD + "f 1 2\nf 1 2 3 4\nf\n",
+        QUAD + "f -4 -3 -2 -1\nv 9 9 9\n",
+        QUAD + "f 1 -3 3 -1\nv 9 9 9\n",
+        QUAD + "vn 0 0 1\nf -4//-1 -3//-1 -2//-1 -1//-1\nv 9 9 9\nvn 1 0 0\n",
         QUAD + "f 1/ 2/ 3/ 4/\n",
         QUAD + "vt 0 0\nvt 1 1\nf 1/1 2/1 3/2\nf 1 3 4\n",
         QUAD + "vn 0 0 1\nvt 0 0\nf 1//1 2//1 3//1\nf 1/1 3/1 4/1\n",
@@ -80,7 +76,7 @@ def test_relative_indices_in_every_form(tmp_path, face):
     ],
 )
 def test_forms_of_lines(tmp_path, text):
-    """Tabs, indents, continued lines, comments, ends of lines, faces written in several ways: always the square."""
+    """Tabs, indents, continued lines, comments, ends of lines, indices of every kind: always the square."""
     assert corners(load(tmp_path, text)) == corners(Mesh(SQUARE, np.array([[0, 1, 2], [0, 2, 3]])))
 
 
