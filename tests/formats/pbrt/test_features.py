@@ -6,9 +6,7 @@ import pytest
 import dmis
 from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.diffuse import Lambert, LambertTransmission
 from dmis.brdf.relief import BumpMap, NormalMap
-from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
 from dmis.formats.pbrt.lights import sphere_to_square, to_latitude_longitude
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
@@ -115,13 +113,6 @@ def test_sheets_let_diffuse_light_through(read, dialect):
     np.testing.assert_allclose(mean(read(dialect, f"{front}\n{sheet}"), 4), white * 0.2, rtol=1e-3)
     sky = mean(read(dialect, f'LightSource "infinite"\n{sheet}'), 64)
     np.testing.assert_allclose(sky, [0.6, 0.4, 0.3], rtol=5e-3)
-
-
-def test_translucent_has_rough_glass(read):
-    reflected, through, glossy, refracted = lobes(read("v3", 'Material "translucent"'))
-    assert [type(x) for x in (reflected, through)] == [Lambert, LambertTransmission]
-    assert [type(x) for x in (glossy, refracted)] == [RoughReflection, RoughTransmission]
-    assert reflected.reflectance == through.transmittance == glossy.reflectance == (0.125, 0.125, 0.125)
 
 
 @pytest.mark.parametrize(

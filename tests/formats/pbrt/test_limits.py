@@ -4,14 +4,14 @@ import os
 
 import numpy as np
 import pytest
+from helpers import triangle_ply
 
 import dmis
 from dmis.cli.commands import main
 from dmis.formats.pbrt.read import read_pbrt
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.image import write_exr
-
-TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0  1 0 0  0 1 0]\n'
+from tests.formats.pbrt.test_read import TRIANGLE
 
 
 @pytest.fixture
@@ -36,13 +36,8 @@ USES = {
     "sky": 'LightSource "infinite" "string mapname" "{}.exr"',
     "spectrum": 'Material "matte" "spectrum Kd" "{}.spd"',
 }
-WAYS = {
-    "parent": "../beside/a",
-    "absolute": "{beside}/a",
-    "roundabout": "sub/../../beside/a",
-    "link": "link/a",
-    "file": "to",
-}
+WAYS = {"parent": "../beside/a", "absolute": "{beside}/a", "roundabout": "sub/../../beside/a"}
+WAYS |= {"link": "link/a", "file": "to"}
 
 
 def write(inside, line):
@@ -108,12 +103,7 @@ def test_a_mesh_cannot_name_an_image(folders, monkeypatch):
     """A PLY file may name a texture, which is neither needed nor looked at."""
     trimesh_open = []
     inside, beside = folders
-    text = (
-        "ply\nformat ascii 1.0\ncomment TextureFile ../beside/a.png\nelement vertex 3\nproperty float x\n"
-        "property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-        "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-    )
-    (inside / "t.ply").write_text(text)
+    (inside / "t.ply").write_text(triangle_ply(comment="TextureFile ../beside/a.png"))
     (beside / "a.png").write_bytes(b"no image")
     from trimesh.resolvers import FilePathResolver
 
@@ -134,7 +124,6 @@ PLY = "ply\nformat binary_little_endian 1.0\nelement vertex {0}\nproperty float 
 PLY += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 HUGE = {
     "levels": 'Shape "loopsubdiv" "integer nlevels" 1000000000 "integer indices" [0 1 2] "point P" [0 0 0 1 0 0 0 1 0]',
-    "film": 'Film "image" "integer xresolution" 2000000000 "integer yresolution" 2000000000',
     "mesh": 'Shape "plymesh" "string filename" "huge.ply"',
     "includes": 'Include "many.pbrt"',
 }
@@ -148,11 +137,8 @@ def test_too_much_is_refused(folders, name):
     for k in range(1, 9):
         (inside / f"many{k}.pbrt").write_text(f'Include "many{k + 1}.pbrt"\n' * 99)
     (inside / "many9.pbrt").write_text("")
-    path = write(inside, HUGE[name])
-    if name == "film":
-        path.write_text(f"{HUGE[name]}\nWorldBegin\n{TRIANGLE}WorldEnd\n")
     with pytest.raises(PbrtError, match=r"\.pbrt:\d+: token"):
-        read_pbrt(path)
+        read_pbrt(write(inside, HUGE[name]))
 
 
 @pytest.mark.parametrize("kind", ["sphere", "disk", "cylinder"])

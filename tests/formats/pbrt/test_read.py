@@ -2,7 +2,6 @@
 
 import functools
 import os
-import re
 import warnings
 
 import numpy as np
@@ -134,12 +133,7 @@ def test_mirrored_camera_is_right_handed(read):
     [
         ('"float halffov" [20]', "", 40, (640, 480)),
         ('"float fov" 30 "float lensradius" 0', '"integer xresolution" 100 "integer yresolution" 50', 30, (100, 50)),
-        (
-            "",
-            '"integer xresolution" 100 "integer yresolution" 50 "float cropwindow" [0 1 0 1]',
-            90,
-            (100, 50),
-        ),
+        ("", '"integer xresolution" 100 "integer yresolution" 50 "float cropwindow" [0 1 0 1]', 90, (100, 50)),
     ],
 )
 def test_camera_and_film(read, camera, film, fov, size):
@@ -230,21 +224,19 @@ def test_disk_light(read, transform, centre, normal, radius):
     close(flat_normals(part.mesh.vertices, part.mesh.faces), np.tile(normal, (len(part.mesh.faces), 1)))
 
 
-@pytest.mark.parametrize("transform", ["", "Scale -2 2 2", "Translate 1 2 3"])
-def test_sphere_light_shines_outwards(read, transform):
-    scene = read(AREA + transform + ' Shape "sphere" "float radius" 3', add="")
+@pytest.mark.parametrize(
+    "transform, radius, centre", [("", 3, (0, 0, 0)), ("Scale -2 2 2", 6, (0, 0, 0)), ("Translate 1 2 3", 3, (1, 2, 3))]
+)
+def test_sphere_light_shines_outwards(read, transform, radius, centre):
+    """Or inwards, by ReverseOrientation alone."""
+    shape = f'{transform} Shape "sphere" "float radius" 3'
+    scene = read(AREA + shape, add="")
     light = one_light(scene, SphereLight)
-    assert light.radius == pytest.approx(6 if "Scale" in transform else 3)
-    close(light.centre, (1, 2, 3) if "Translate" in transform else (0, 0, 0))
+    close([*light.centre, light.radius], [*centre, radius])
     assert outwards(scene.parts[0].mesh, light.centre) > 0
-
-
-@pytest.mark.parametrize("transform", ["ReverseOrientation", "ReverseOrientation Scale 1 -1 1"])
-def test_reversed_sphere_light_shines_inwards(read, transform):
-    scene = read(AREA + transform + ' Shape "sphere"', add="", resolution=(40, 30))
-    light = one_light(scene, MeshLight)
-    assert outwards(scene.parts[0].mesh, (0, 0, 0)) < 0
-    close(light.vertices, scene.parts[0].mesh.vertices)
+    (part,) = read(f"{AREA} ReverseOrientation {shape}", add="", resolution=(40, 30)).parts
+    assert outwards(part.mesh, light.centre) < 0
+    close(part.light.vertices, part.mesh.vertices)
 
 
 def outwards(mesh, centre):
@@ -317,10 +309,7 @@ LOBES = [  # a Material line; its lobes; attributes of some of them, as "lobe.at
         [Microfacet],
         {"0.fresnel.eta": (1, 2, 3), "0.fresnel.k": (4, 5, 6)},
     ),
-    *(
-        (f'metal" "float roughness" {r}', [Microfacet], {"0.distribution.exponent": 1e4})
-        for r in ("0", "1e-5", "1e-300")
-    ),
+    *((f'metal" "float roughness" {r}', [Microfacet], {"0.distribution.exponent": 1e4}) for r in (0, 1e-5, 1e-300)),
     ("substrate", [BlendBase, BlendCoat], {"0.diffuse": GREY, "0.specular": GREY, "1.distribution.exponent": 10}),
     ('substrate" "float vroughness" 0', [BlendBase, BlendCoat], {"1.distribution.u": 10, "1.distribution.v": 10_000}),
     ("uber", [Lambert, Microfacet], {}),
@@ -405,12 +394,6 @@ def test_types_of_spectra(read, tmp_path, kind, value, rgb):
         assert lobes(scene) == ()
 
 
-@pytest.mark.parametrize("line", ['Material "matte"', 'MakeNamedMaterial "a" "string type" "matte" NamedMaterial "a"'])
-def test_shape_line_must_not_change_the_material(read, line):
-    with pytest.raises(PbrtError, match="a parameter of materials must stand in a Material line before the shape"):
-        read(line, add=TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n')
-
-
 def test_texture_of_the_material_line_beats_constant_of_a_named_material(read):
     world = 'Texture "t" "color" "constant" "color value" [.3 .3 .3] Material "matte" "texture Kd" "t"\n'
     scene = read(world + 'MakeNamedMaterial "a" "string type" "matte" "color Kd" [.2 .2 .2] NamedMaterial "a"')
@@ -487,21 +470,8 @@ def test_tga_is_linear_but_for_gamma(read, tmp_path):
     """pbrt-v2 does not decode whole numbers."""
     pytest.importorskip("OpenImageIO")
     (tmp_path / "a.tga").write_bytes(tga(51, 204))
-    texture = (
-        'Texture "a" "color" "imagemap" "string filename" "a.tga" "float gamma" 2 Material "matte" "texture Kd" "a"'
-    )
-    close(kd(read(texture, add=TEXTURED)).texels[0, :, 0], [0.04, 0.64])
-
-
-def test_alpha_and_half_floats_are_read(read, tmp_path):
-    import OpenEXR
-
-    pixels = np.full((2, 3, 4), 0.25, np.float16)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, {"RGBA": pixels}).write(str(tmp_path / "a.exr"))
-    image = kd(read('Texture "a" "color" "imagemap" "string filename" "a.exr" Material "matte" "texture Kd" "a"'))
-    assert image.texels.shape == (2, 3, 1)  # three equal channels are one
-    assert (image.texels == 0.25).all()
+    texture = 'Texture "a" "color" "imagemap" "string filename" "a.tga" "float gamma" 2'
+    close(kd(read(f'{texture} Material "matte" "texture Kd" "a"', add=TEXTURED)).texels[0, :, 0], [0.04, 0.64])
 
 
 def test_textures_belong_to_their_block(read):
@@ -545,10 +515,8 @@ def test_shapes_are_merged_by_material_and_kind(read):
     mapped = TRIANGLE[:-1] + ' "float uv" [0 0 1 0 0 1]\n'
     world = TRIANGLE + smooth + "Translate 0 0 1\n" + mapped + TRIANGLE + 'Material "mirror"\n' + smooth + TRIANGLE
     scene = read(world, add="")
-    kinds = [
-        (p.material.name, p.mesh.normals is not None, p.mesh.uv is not None, p.mesh.triangles) for p in scene.parts
-    ]
-    assert kinds == [
+    meshes = [(part.material.name, part.mesh) for part in scene.parts]
+    assert [(name, m.normals is not None, m.uv is not None, m.triangles) for name, m in meshes] == [
         ("matte", False, False, 2),
         ("matte", True, False, 1),
         ("matte", False, True, 1),
@@ -631,42 +599,28 @@ def test_marks_of_encodings(read, tmp_path):
     path.write_text(text, "utf-8-sig")
     close(points(read_pbrt(path)), CORNERS + [1, 2, 3])
     (tmp_path / "a.pbrt").write_text("Translate 1 2 3", "utf-16")
-    with pytest.raises(
-        PbrtError, match=r'scene\.pbrt:3: token "a\.pbrt": .*a\.pbrt is UTF-16 or binary; it must be text'
-    ):
+    with pytest.raises(PbrtError, match=r'scene\.pbrt:3: token "a\.pbrt": .*a\.pbrt is UTF-16 or binary'):
         read_pbrt(path)
     path.write_text(text, "utf-16")
-    with pytest.raises(
-        PbrtError, match=r"scene\.pbrt:1: token at the beginning: the file is UTF-16 or binary; it must"
-    ):
+    with pytest.raises(PbrtError, match=r"scene\.pbrt:1: token at the beginning: the file is UTF-16 or binary"):
         read_pbrt(path)
-
-
-def test_errors_in_included_files_name_them(read, tmp_path):
-    (tmp_path / "a.pbrt").write_text("\n\nTranslate 1 2 x\n")
-    with pytest.raises(PbrtError, match=r"a\.pbrt:3: token x: Translate needs 3 numbers; got 2"):
-        read('Include "a.pbrt"')
 
 
 ABOVE = "reflectance above 1, which adds light, taken as it is, as pbrt does: "
 BELOW = "reflectance below 0, taken as 0, as pbrt does: "
+RED = 'Material "matte" "color Kd" [255 0 0]'
 UNKNOWN, UNUSED = "not used, because it is unknown there: ", "not used, because it does not change the expected image: "
 WARNINGS = [  # a line of the world, which is line 3 of the file, and the warning
     ('Material "matte" "color Kd" [-1 .5 .5]', f"{BELOW}'Kd' of Material (line 3)"),
-    ('Material "matte" "color Kd" [255 0 0]', f"{ABOVE}'Kd' of Material (line 3)"),
+    (RED, f"{ABOVE}'Kd' of Material (line 3)"),
     ('Material "plastic" "spectrum Ks" [400 1 700 1]', f"{ABOVE}'Ks' of Material (line 3)"),
     (
         'MakeNamedMaterial "a" "string type" "mirror" "color Kr" [1 1 1.01]',
         f"{ABOVE}'Kr' of MakeNamedMaterial (line 3)",
     ),
-    (
-        'Material "matte" "color Kd" [3 3 3] TRIANGLE Material "matte" "color Kd" [3 3 3]',
-        f"{ABOVE}'Kd' of Material (line 3 and 1 more)",
-    ),
-    (
-        'Material "matte" "color Kd" [1 1 1.0001]',
-        None,
-    ),  # spectra may exceed 1 a little: a constant 1 is (1.2, .95, .91)
+    (f"{RED} TRIANGLE {RED}", f"{ABOVE}'Kd' of Material (line 3 and 1 more)"),
+    # spectra may exceed 1 a little: a constant 1 is (1.2, .95, .91)
+    ('Material "matte" "color Kd" [1 1 1.0001]', None),
     ('Material "uber" "color opacity" [2 2 2]', None),
     ('Material "shinymetal" "color Ks" [2 2 2]', None),
     ('LightSource "point"', None),
@@ -691,13 +645,6 @@ def test_warnings(read, line, text):
     assert len(caught) == (text is not None)
     for warning in caught:
         assert f"scene.pbrt: {text}" in str(warning.message) and warning.filename == __file__
-
-
-def test_bright_images_are_named(read, tmp_path):
-    exr(tmp_path / "bright.exr", np.full((2, 2, 3), 255))
-    texture = 'Texture "b" "color" "imagemap" "string filename" "bright.exr" Material "matte" "texture Kd" "b"'
-    with pytest.warns(PbrtWarning, match=re.escape(f"{ABOVE}'Kd' of Material (line 3)")):
-        read(texture, add=TEXTURED)
 
 
 def test_options_that_are_not_used(read):
@@ -725,13 +672,11 @@ def test_options_that_are_not_used(read):
 BAD_OPTIONS = [
     ('Renderer "sampler"\nIntegrator "path"', 2, "token Integrator: Integrator belongs to v3 and v4"),
     ("LookAt 1 2 3 4 5 6 7 8", 2, "token WorldBegin: LookAt needs 9 numbers; got 8"),
-    ("LookAt 1 2 3 4 5 6 7 8 9 10", 1, "token 10: a directive is expected"),
     ("LookAt 0 0 0  0 0 1  0 0 2", 1, "token LookAt: up must not be parallel"),
     ('Camera "perspective" "integer fov" 60', 1, "parameter 'fov' must be of type float; got integer"),
     ('Camera "perspective" "float fov" [60 70]', 1, "parameter 'fov' must be one number; got 2"),
     ('Film "image" "integer xresolution" 2.5', 1, "needs whole numbers below 2**31"),
     ("TRIANGLE", 1, "token Shape: Shape must stand between WorldBegin and WorldEnd"),
-    ('Camera "realistic"', 1, "the camera must be perspective, orthographic or environment"),
     ('Camera "perspective" "float lensradius" -1', 1, "lens_radius must be a number"),
     ('Camera "perspective" "float lensradius" 1 "float focaldistance" 0', 1, "focal_distance must be a number"),
     ('Camera "perspective" "float frameaspectratio" 1', 1, "must be that of square pixels, [1.33333]"),
@@ -793,7 +738,6 @@ BAD_WORLDS = [
     ('Material "glass" "float index" 0', 1, "parameter 'index' must be positive"),
     ('MakeNamedMaterial "x"', 1, 'needs the parameter "string type", which is missing'),
     ('Texture "x" "point" "constant"', 1, 'token "point": the type of a texture must be float, color'),
-    ('Texture "x" "color" "fbm"', 1, "a texture must be constant, scale, mix, imagemap or checkerboard"),
     ('Texture "x" "color" "checkerboard" "integer dimension" 3', 1, "'dimension' must be 2"),
     ('Texture "x" "color" "imagemap"', 1, 'needs the parameter "string filename"'),
     ('Texture "x" "color" "imagemap" "string filename" "a.png"', 1, "images of pbrt-v2 must be EXR, TGA, PFM"),
@@ -813,7 +757,6 @@ BAD_WORLDS = [
     ('LAMP Shape "sphere" "float zmin" 0', 2, "a sphere that emits must be whole"),
     ('LAMP Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0  1 0 0  2 0 0]\n', 2, "a mesh light must"),
     ('ObjectBegin "a" LAMP TRIANGLE\n', 2, "a shape in an object must not emit"),
-    ('Shape "torus"', 1, "a shape must be trianglemesh, plymesh, loopsubdiv, sphere, disk or cylinder"),
     ('Shape "trianglemesh" "integer indices" [0 1 2]', 1, 'needs the parameter "point P"'),
     ('Shape "trianglemesh" "point P" [0 0 0]', 1, 'needs the parameter "integer indices"'),
     ('Shape "trianglemesh" "integer indices" [0 1 3] POINTS\n', 1, "indices must be from 0 to 2, the last point; got"),
@@ -821,8 +764,8 @@ BAD_WORLDS = [
     ('TRIANGLE"normal N" [0 0 1]', 1, "each of the 3 points needs one N; got 1"),
     ('TRIANGLE"float uv" [0 0 1 1]', 1, "each of the 3 points needs one uv; got 2"),
     ('LAMP TRIANGLE"float alpha" 0', 2, "a shape that emits must not have alpha"),
+    ('Material "matte" TRIANGLE "color Kd" [.2 .2 .2]', 1, "must stand in a Material line before the shape"),
     ('TRIANGLE"vector S" [1 0 0]', 1, "this is not supported; remove the parameter"),
-    ('Shape "loopsubdiv" "integer indices" [0 1 2] POINTS"integer nlevels" 13', 1, "levels must leave at"),
     ('Shape "loopsubdiv" "point P" [0 0 0 1 0 0 0 1 0] "integer indices" [0 1 2 0 1 2]', 1, 'token "loopsubdiv":'),
     ('Shape "loopsubdiv" "integer indices" [0 1 2] POINTS"string scheme" "x"', 1, "must be loop; got"),
     ('Shape "sphere" "float radius" -1', 1, 'token "sphere": radius must be positive'),
