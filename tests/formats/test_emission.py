@@ -79,7 +79,5 @@ def test_lamps_that_overlap_across_meshes(tmp_path):
     assert scene.parts[1].light is None and scene.parts[1].material.lobes
     with pytest.warns(SceneWarning, match="is nearer to"):  # and not an error
         scene.in_float32[0].prepare()
-    assert (
-        len(File().mesh(glowing(1, 1, 1)).mesh(glowing(1, 1, 1), faces=FACES[::-1]).load(tmp_path, lights=[]).lights)
-        == 2
-    )
+    back_to_back = File().mesh(glowing(1, 1, 1)).mesh(glowing(1, 1, 1), faces=FACES[::-1])
+    assert len(back_to_back.load(tmp_path, lights=[]).lights) == 2

@@ -586,7 +586,7 @@ BAD_WORLDS = [
     (
         "v3",
         f'MakeNamedMaterial "a" "string type" "substrate" {MIX}',
-        "a material of the kind substrate cannot be mixed",
+        "the kind substrate cannot be mixed",
     ),
     *(
         ("v4", f'Material "{kind}" "rgb reflectance" [{rgb}]', "'reflectance' must be from 0 to 1 in pbrt-v4; got [")

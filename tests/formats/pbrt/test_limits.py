@@ -93,10 +93,6 @@ def test_command_line(folders, capsys):
     assert "is outside of the folder" in capsys.readouterr().err
     assert main(["info", str(path), "--allow-outside"]) == 0
     assert "integrator: direct" in capsys.readouterr().out
-    plain = inside / "plain.pbrt"
-    plain.write_text(path.read_text().replace('SurfaceIntegrator "directlighting"', ""))
-    assert main(["info", str(plain), "--allow-outside", "--dialect", "v3"]) == 0
-    assert "integrator: path" in capsys.readouterr().out
 
 
 def test_a_mesh_cannot_name_an_image(folders, monkeypatch):

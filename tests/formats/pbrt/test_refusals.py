@@ -130,10 +130,8 @@ def test_files_of_the_field_load(tmp_path):
     with pytest.warns(PbrtWarning) as caught:
         scene = read_pbrt(tmp_path / "room.pbrt")
     texts = sorted(str(warning.message).partition(": ")[2] for warning in caught if warning.category is PbrtWarning)
-    assert [text.partition(": ")[2] for text in texts] == [
-        "'filter' of Texture (line 8 and 1 more)",
-        "parameter 'filename' of Film (line 5)",
-    ]
+    named = ["'filter' of Texture (line 8 and 1 more)", "parameter 'filename' of Film (line 5)"]
+    assert [text.partition(": ")[2] for text in texts] == named
     assert len(scene.lights) == 3 and len(scene.parts) == 2 + len(names) + 2
     assert np.isfinite(dmis.render(scene, "balance", 1, parallel=1).image).all()
 
