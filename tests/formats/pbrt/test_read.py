@@ -682,7 +682,7 @@ BAD_OPTIONS = [
     ('\nCamera "perspective" "float fov" 180', 2, "token Camera: fov must be between 0 and 180"),
     ('Film "exotic"', 1, "the film must be image"),
     ('Film "image" "float cropwindow" [0 1.5 0 1]', 1, "'cropwindow' must be four shares of the image"),
-    ('Film "image" "float cropwindow" [.5 .5 0 1]', 1, "a crop must have pixels"),
+    ('Film "image" "float cropwindow" [.5 .5 0 1]', 1, "a window must"),
     ('Film "image" "integer xresolution" 70000', 1, "token Film: resolution must be 1 to 65535"),
     ('Film "image" "integer xresolution" 60000 "integer yresolution" 60000', 1, "at most 33554432 pixels"),
     ('PixelFilter "sinc"', 1, "a pixel filter must be one of box, triangle, gaussian"),
