@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import trimesh
-from helpers import script, triangle_ply
+from helpers import glb, script, triangle_ply
 
 from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
@@ -542,6 +542,14 @@ def test_bad_files(tmp_path, name, content, message):
         load_mesh(path)
 
 
+def test_compressed_glb_is_refused(tmp_path):
+    """trimesh without a decoder fills its arrays with zeros."""
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb({"extensionsRequired": ["KHR_draco_mesh_compression"], "accessors": []}))
+    with pytest.raises(ValueError, match=r"requires KHR_draco_mesh_compression, .*; export it without"):
+        load_mesh(path)
+
+
 def write_ply(path, form, faces, corners, uv=None):
     """Write vertices with a colour, faces with a number behind their list, and an element that is not read."""
     order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(form)
@@ -587,6 +595,17 @@ def test_polygons_of_ply(tmp_path, form, textured):
     write_ply(path, form, [[0, 1, 9]], corners)
     with pytest.raises(ValueError, match=r"the lists of a PLY file must hold whole numbers below 9, .*; got 9"):
         load_mesh(path)
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_ply_files_are_read_as_trimesh_reads_them(tmp_path, smooth, encoding):
+    thing = trimesh.Trimesh(*OCTAHEDRON, vertex_normals=OCTAHEDRON[0] if smooth else None, process=False)
+    thing.export(tmp_path / "a.ply", vertex_normal=smooth, encoding=encoding)
+    expected = from_trimesh(trimesh.load(tmp_path / "a.ply", process=False))
+    mesh = load_mesh(tmp_path / "a.ply")
+    for name in ("vertices", "faces", "normals"):
+        np.testing.assert_array_equal(getattr(mesh, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize("names", [("u", "v"), ("s", "t"), ("texture_u", "texture_v"), ("texture_s", "texture_t")])

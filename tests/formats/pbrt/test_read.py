@@ -472,6 +472,17 @@ def test_tga_is_linear_but_for_gamma(read, tmp_path):
     close(kd(read(f'{texture} Material "matte" "texture Kd" "a"', add=TEXTURED)).texels[0, :, 0], [0.04, 0.64])
 
 
+def test_alpha_and_half_floats_are_read(read, tmp_path):
+    import OpenEXR
+
+    pixels = np.full((2, 3, 4), 0.25, np.float16)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGBA": pixels}).write(str(tmp_path / "a.exr"))
+    image = kd(read('Texture "a" "color" "imagemap" "string filename" "a.exr" Material "matte" "texture Kd" "a"'))
+    assert image.texels.shape == (2, 3, 1)  # three equal channels are one
+    assert (image.texels == 0.25).all()
+
+
 def test_textures_belong_to_their_block(read):
     world = """
     Texture "a" "color" "constant" "color value" [.2 .2 .2]

@@ -266,3 +266,15 @@ def test_outside_of_plastic_quadrics_of_v3(read, shape, before, sign):
 def test_mirrored_spheres_of_glass_are_refused(read, dialect, material):
     with pytest.raises(PbrtError, match=f"a mirrored sphere of glass is inside out in {dialect}; do not mirror it"):
         read(dialect, f'Material "{material}" Scale 1 1 -1 Shape "sphere"')
+
+
+@pytest.mark.parametrize("dialect, visible", [("v2", 1), ("v3", 0), ("v4", 0)])
+@pytest.mark.parametrize("outward", [True, False])
+def test_an_emitting_loopsubdiv_from_outside(read, dialect, visible, outward):
+    """Wound outwards it emits outwards in v2, and along its normals, inwards, in v3 and v4."""
+    camera = 'LookAt 0 -9 0  0 0 0  0 0 1\nCamera "perspective" "float fov" 2'
+    material = 'Material "diffuse"' if dialect == "v4" else 'Material "plastic"'
+    shape = in_dialect(dialect, octahedron("loopsubdiv", outward))
+    scene = read(dialect, f'AreaLightSource "diffuse" "rgb L" [1 1 1] {material} {shape}', camera, 2)
+    image = dmis.render(scene, "balance", 4, seed=1).image
+    np.testing.assert_allclose(image, visible if outward else 1 - visible, atol=1e-6)
