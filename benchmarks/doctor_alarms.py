@@ -24,20 +24,18 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "exporters"))
 import dmis_table  # type: ignore[import-not-found]
 
 KINDS: dict[str, dict[str, Any]] = {
-    "one lamp": {},
-    "many lamps": {"lamps": 9},
-    "one of the lamps is picked": {"lamps": 9, "picks": True},
-    "few BRDF rows": {"pixels": 4, "spp": 200, "size": (0.03, 0.3), "gloss": 0},
-    "few light rows": {"pixels": 12, "size": (2, 6), "exponent": (1e3, 1e6)},
-    "unequal counts": {"lamps": 4, "counts": (8, 0.25)},
+    "one lamp": {"spp": 128},
+    "many lamps": {"lamps": 9, "spp": 48},
+    "one of the lamps is picked": {"lamps": 9, "picks": True, "spp": 64},
+    "few BRDF rows": {"pixels": 4, "spp": 200, "size": (0.03, 1), "gloss": 0},
+    "few light rows": {"pixels": 12, "spp": 64, "size": (2, 6), "exponent": (10, 1e5)},
+    "unequal counts": {"lamps": 4, "counts": (4, 0.25), "spp": 96},
     "columns that must be there": {
-        "lamps": 4,
-        "picks": True,
-        "columns": ("pixel", "camera_sample", "technique", "f", "p_l", "p_b"),
+        "lamps": 4, "picks": True, "spp": 96, "columns": ("pixel", "camera_sample", "technique", "f", "p_l", "p_b"),
     },
-    "few camera samples": {"pixels": 2, "spp": 8, "lamps": 4, "counts": (64, 64)},
-    "fireflies": {"lamps": 9, "bright": 4},
-}
+    "few camera samples": {"pixels": 3, "spp": 12, "lamps": 4, "counts": (64, 64), "size": (0.6, 3)},
+    "fireflies": {"lamps": 9, "bright": 4, "spp": 48},
+}  # fmt: skip
 """Arguments of `floor`."""
 
 
@@ -160,10 +158,10 @@ def random_scene(seed: int) -> dmis.Scene:
     return dmis.Scene(camera, tuple(parts), tuple(lamps))
 
 
-def trial(kind: str, seed: int) -> tuple[bool, str]:
-    """Return whether a right table alarms, and by what."""
+def trial(kind: str, seed: int) -> tuple[bool, int, str]:
+    """Return whether a right table alarms, 1 if it has enough rows for a test and 2 with the joint test, and why."""
     rng = np.random.default_rng((seed, 7))
-    spp = int(2 ** rng.integers(2, 6))
+    spp = int(2 ** rng.integers(3, 8))
     table: Any
     if kind in KINDS:
         table = floor(seed, **KINDS[kind])
@@ -179,22 +177,26 @@ def trial(kind: str, seed: int) -> tuple[bool, str]:
     except ValueError as error:
         if "both can draw" not in str(error):
             raise
-        return False, ""
+        return False, 0, ""
     beyond = [f"{t.name} {t.where} {t.z:.1f}" for t in diagnosis.tests if t.trusted and abs(t.z) > diagnosis.limit]
-    return not diagnosis.healthy, f"{kind} {seed}: p {diagnosis.joint}, {', '.join(beyond[:3])}"
+    depth = any(test.trusted for test in diagnosis.tests) + (diagnosis.joint == diagnosis.joint)
+    return not diagnosis.healthy, depth, f"{kind} {seed}: p {diagnosis.joint}, {', '.join(beyond[:3])}"
 
 
 def run() -> None:
     """Print the shares of alarms."""
     counts = [int(a) for a in sys.argv[1:]] or [100, 300]
     per_kind, scenes = [*counts, 0][:2]
-    alarms, tables = 0, 0
+    alarms, tables, tested = 0, 0, 0
     for kind in (*KINDS, "samples of dmis", "random scenes"):
         begin = time.process_time()
-        count = scenes if kind == "random scenes" else per_kind
-        said = [text for wrong, text in (trial(kind, seed) for seed in range(count)) if wrong]
-        alarms, tables = alarms + len(said), tables + count
-        print(f"{kind}: {len(said)} of {count}, {time.process_time() - begin:.0f} s", *said[:9], sep="\n  ", flush=True)
+        results = [trial(kind, seed) for seed in range(scenes if kind == "random scenes" else per_kind)]
+        said, depths = [text for wrong, _, text in results if wrong], np.array([depth for _, depth, _ in results])
+        alarms, tables, tested = alarms + len(said), tables + len(results), tested + int(np.count_nonzero(depths))
+        tests = f"{np.count_nonzero(depths)} tested, {np.count_nonzero(depths == 2)} jointly"
+        line = f"{kind}: {len(said)} of {len(results)}, {tests}, {time.process_time() - begin:.0f} s"
+        print(line, *said[:9], sep="\n  ", flush=True)
+    print(f"{tested} of {tables} have enough rows for a test")
     share, z = alarms / tables, 1.96
     middle = (share + z * z / 2 / tables) / (1 + z * z / tables)
     half = z * np.sqrt(share * (1 - share) / tables + (z / 2 / tables) ** 2) / (1 + z * z / tables)
