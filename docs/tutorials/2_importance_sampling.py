@@ -118,7 +118,7 @@ plot.picture(axes[1], light.image, "light sampling, w = 1")
 patch = 4 if QUICK else 8
 variance = [patch_mean(luminance(result.variance), patch) for result in (brdf, light)]
 logarithm = np.log10((variance[0] + 1e-9) / (variance[1] + 1e-9))
-window = (0, RESOLUTION[1]), (0, RESOLUTION[0])
+window = (0, 0, *RESOLUTION)
 figure, axis = plt.subplots(figsize=(8, 5.2), layout="constrained")
 title = "red: BRDF sampling has less variance"
 shown = plot.heat(axis, logarithm, title, window, cmap="RdBu", vmin=-3, vmax=3)
