@@ -135,7 +135,7 @@ def _exr(path: Path) -> Array:
     layers, _ = read_exr(path, MAX_VALUES * 3 // 8)  # 800 MB
     if "RGB" in layers:
         return np.dstack([layers["RGB"], layers["A"]]) if "A" in layers else layers["RGB"]
-    if "Y" not in layers or {"RY", "BY"} & set(layers):
-        what = f"channels R, G, B, or Y without the chroma RY, BY; it has {', '.join(layers)}; convert it to RGB"
+    if "Y" not in layers or {"RY", "BY", "X"} & set(layers):
+        what = f"channels R, G, B, or Y alone, without RY, BY or X, Z; it has {', '.join(layers)}; convert it to RGB"
         raise ValueError(f"image {path} must have the {what}")
     return layers["Y"][..., None]

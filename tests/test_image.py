@@ -56,7 +56,8 @@ RGB = np.ones((4, 6, 3), np.float32)
 @pytest.mark.parametrize(
     "channels, header, message",
     [
-        ([{"Y": GREY, "RY": GREY, "BY": GREY}], {}, "without the chroma RY, BY; it has .*; convert it to RGB"),
+        ([{"Y": GREY, "RY": GREY, "BY": GREY}], {}, "Y alone, without RY, BY or X, Z; it has .*; convert it to RGB"),
+        ([{"X": GREY, "Y": GREY, "Z": GREY}], {}, "Y alone, without RY, BY or X, Z; it has X, Y, Z"),
         ([{"RGB": RGB}], {"chromaticities": ACES_CG}, r"must be those of Rec\. 709 \(sRGB\); convert it; got \(0.71"),
         ([{"RGB": RGB}], {"chromaticities": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)}, "must be those of Rec"),
         ([{"Z": DEEP}], {"kind": "deepscanline"}, "must have one part of flat pixels; it is deep"),

@@ -22,7 +22,7 @@ from dmis.estimator.technique import BRDF
 from dmis.fit.round import Round
 from dmis.geometry.shapes import quad
 from dmis.light.delta import PointLight
-from dmis.samplers.streams import Independent
+from dmis.samplers.streams import SAMPLERS, Independent
 from dmis.testing.light import check_light
 from dmis.testing.lobe import check_lobe
 from dmis.testing.sampler import check_sampler
@@ -300,6 +300,35 @@ def test_planted_in_processes(tmp_path: Path) -> None:
 def test_techniques_of_another_form(change: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="technique"):
         dmis.register_technique(replace(BRDF, **{"name": "mine", "rays": "mine", **change}))
+
+
+class Unstarted:
+    """A sampler without `start`."""
+
+    def __init__(self, block: Any) -> None:
+        pass
+
+
+class Demanding(dmis.Rule):
+    """A rule whose `fit` cannot be called."""
+
+    def fit(self, pilot: Any, more: Any) -> dmis.Fit:  # type: ignore[override]
+        return dmis.Fit(0.5)
+
+
+def test_what_cannot_be_called_is_named() -> None:
+    with registries_kept():
+        for factory, message in ((Unstarted, "Unstarted must have methods start and draw"), (object, "sampler mine: ")):
+            dmis.register_sampler("mine", factory)
+            with pytest.raises(ValueError, match=message):
+                dmis.render(box_scene(), "balance", 2, sampler="mine", parallel=1)
+            del SAMPLERS["mine"]
+        with pytest.raises(ValueError, match=r"Demanding: TypeError: Demanding\.fit\(\) missing"):
+            dmis.render(box_scene(), Demanding(), 2, parallel=1)
+        with pytest.raises(ValueError, match=r"rule mine must make a rule of its defaults; .*KeyError: 'x'"):
+            dmis.register_rule("mine", lambda: {}["x"])
+    with pytest.raises(ValueError, match="weight of Given must be a number or an array of numbers; got 'a'"):
+        dmis.Given(weight="a")
 
 
 def test_ties_of_heuristics() -> None:

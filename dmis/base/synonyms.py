@@ -27,6 +27,7 @@ COMMAND_LINE = {
     "--samples": "--spp N",
     "--size": "--resolution WxH",
     "--heuristic": "--rule fixed:0.5,combiner=power",
+    "--combiner": "--rule fixed:0.5,combiner=power",
     "--mis": "--rule fixed:0.5,combiner=power; --rule fixed:1 is light samples alone",
     "--depth": "--max-depth N",
     "--jobs": "--threads N",

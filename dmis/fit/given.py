@@ -40,6 +40,8 @@ class Given(Rule):
     def __post_init__(self) -> None:
         for name, values in (("weight", self.weight), ("samples", self.samples)):
             if values is not None:
+                if np.asarray(values).dtype.kind not in "fiu":
+                    raise ValueError(f"{name} of Given must be a number or an array of numbers; got {values!r}")
                 copied = np.array(values, np.float64)
                 copied.flags.writeable = False
                 object.__setattr__(self, name, copied if copied.ndim else float(copied))

@@ -10,7 +10,7 @@ from functools import partial
 from inspect import signature
 from typing import Any, Literal, get_args, get_origin
 
-from dmis.base.plugins import loaded_plugins, origin
+from dmis.base.plugins import loaded_plugins, origin, raised
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.auto import Auto
@@ -96,6 +96,8 @@ def register_rule(name: str, cls: Callable[..., Rule]) -> None:
         raise ValueError(
             f"rule {name} must have a default for every option, because its name alone is a rule; got: {error}"
         ) from error
+    except Exception as error:
+        raise ValueError(f"rule {name} must make a rule of its defaults; {raised(error)}") from error
     make_rule(rule)
     RULES[name] = cls
 

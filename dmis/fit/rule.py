@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmis.base.plugins import reraise
+from dmis.base.plugins import is_shipped, reraise
 from dmis.base.validate import number, whole
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
@@ -139,11 +139,10 @@ class OptionRule(Rule):
         return replace(self, **{option: getattr(settings, name) for name, option in open_options.items()})
 
 
-def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
-    """Send a rule the film of its last round, None before the first; returns its next one, None if there is none.
+def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None, rule: Rule | None = None) -> Round | None:
+    """Send a rule the film of its last round, None before the first; return its next one, None if there is none.
 
-    A ValueError if the rule's `Rule.rounds` is no generator, yields something else than a `Round`, or code of a user's
-    own raises an exception in it.
+    A ValueError if `Rule.rounds` is no generator, yields no `Round`, or raises an exception; it names an own `rule`.
     """
     if not isinstance(rounds, Generator):
         raise ValueError(f"rounds of a rule must be a generator, which yields Rounds; got {type(rounds).__name__}")
@@ -152,7 +151,7 @@ def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Rou
     except StopIteration:
         return None
     except Exception as error:
-        reraise(error)
+        reraise(error, "" if rule is None or is_shipped(type(rule)) else type(rule).__name__)
     if not isinstance(requested, Round):
         raise ValueError(f"a rule must yield Rounds, such as budget.final(fit); got {type(requested).__name__}")
     return requested
@@ -229,7 +228,7 @@ def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
         shares = ",".join(f"{name}={1 / len(value):.3g}" for name in value)
         return f'Write rule="simplex:{shares}" with your shares, or rule="simplex:{"+".join(value)}" to learn them'
     if not hasattr(rule, option):
-        return f"The rule has no option {option}: leave it out of the settings, or use another rule"
+        return f"The rule has no option {option}: leave {name} out of the settings, or use another rule"
     if "(" in text:
         return f"Make the rule with {option}={value!r}"
     rule_name, _, rest = text.partition(":")

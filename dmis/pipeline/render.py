@@ -91,7 +91,7 @@ def render_job(
     image, bar, began = [], reporting(progress) if progress else nullcontext(), time.perf_counter()
     with bar as report, Passes(job, parallel, report, checkpoint) as passes:
         rounds, film = stop.rounds(job) if stop else job.rule.rounds(job.budget), None
-        while (requested := next_round(rounds, film)) is not None:  # variance, fit, filter
+        while (requested := next_round(rounds, film, job.rule)) is not None:  # variance, fit, filter
             final, film = requested, None  # its statistics are large
             film = passes.render(final)  # samples
             if final.image_weight:

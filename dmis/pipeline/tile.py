@@ -78,7 +78,7 @@ class Tile:
         pixels = (rows[:, None] * width + columns).reshape(-1)
         stops = np.unique(self.round.spp + self.round.begin).tolist()
         block = PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples)
-        return Numbers(guarded("", SAMPLERS[settings.sampler])(block), rng)
+        return Numbers(guarded(f"sampler {settings.sampler}", SAMPLERS[settings.sampler])(block), rng)
 
     def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
         """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""

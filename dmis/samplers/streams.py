@@ -38,6 +38,7 @@ def stream(seed: int, pass_: int, tile: int) -> np.random.Generator:
     return np.random.Generator(np.random.SFC64(sequence))
 
 
+@runtime_checkable
 class Sampler(Protocol):
     """Source of the uniform numbers of one tile."""
 
@@ -134,6 +135,8 @@ class Numbers:
     def __init__(self, sampler: Sampler, rng: np.random.Generator) -> None:
         self.rng, self._sampler = rng, checked(sampler, _METHODS, in_place=True)
         self._own = not is_shipped(type(sampler))
+        if self._own and not isinstance(sampler, Sampler):
+            raise ValueError(f"sampler {type(sampler).__name__} must have methods start and draw: docs/extending.md")
         self._blocks = self._sampler if isinstance(self._sampler, BlockSampler) else None  # once: to ask takes 10 µs
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:

@@ -184,7 +184,7 @@ class Stubborn(dmis.Rule):
         ("thesis:8,combiner=balance", {"combiner": "power"}, 'Write rule="thesis:8,combiner=power"'),
         ("thesis:reuse=no", {"reuse_pilot": True}, 'Write rule="thesis:reuse=yes"'),
         (Thesis(8, combiner="balance"), {"combiner": "power"}, "Make the rule with combiner='power'"),
-        (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave it out of the settings"),
+        (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave combiner out of the settings"),
         ("uniform", {"techniques": ("resampled", "brdf")}, 'Write rule="simplex:resampled=0.5,brdf=0.5" with your'),
         ("simplex", {"techniques": ("light", "uniform")}, 'Write rule="simplex:light=0.5,uniform=0.5" with your'),
         ("pbrt", {"combiner": "balance"}, 'Write rule="pbrt:combiner=balance"'),

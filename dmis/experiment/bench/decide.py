@@ -62,7 +62,7 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     rounds = rule.rounds(Budget(SPP, shape, settings, seed, rule.weigh or settings.weigh))
     film = None
     used = Counter[float]()
-    while (round_ := next_round(rounds, film)) is not None:
+    while (round_ := next_round(rounds, film, rule)) is not None:
         if round_.stage == "final" or round_.patterns is not None:
             if round_.mixture != (LIGHT, BRDF):
                 names = " and ".join(technique.name for technique in round_.mixture)
