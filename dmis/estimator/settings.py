@@ -35,7 +35,7 @@ DEFAULTS: Mapping[str, Any] = {
     "compensation": 0.95,
     "preset": None,
 }
-"""Values of settings that nobody decides; `dmis.fit.rule.merge_settings` has the exceptions of some rules.
+"""Default values of settings; `dmis.fit.rule.merge_settings` has the exceptions of some rules.
 
 Compensation: on tt and tt-overcast, direct and by paths, `balance` has .96, .99, .91 and .99 of its relMSE with .9,
 `auto` 1.00, .95, .98 and .97; .99 is 5 to 15 % worse than .9 on tt-overcast. ``python benchmarks/vary.py compensation

@@ -499,8 +499,8 @@ def test_tangents_that_are_not_those_of_texture_coordinates(tmp_path, tangent, n
     file.mesh(material, NORMAL=np.float32([[0, 0, 1]] * 4), TANGENT=np.float32([tangent] * 4))
     with warnings.catch_warnings(record=True, action="always") as caught:
         file.load(tmp_path)
-    told = "left out: tangents (normal maps lean along texture coordinates)"
-    assert [told in str(one.message) for one in caught] == [True] * named
+    text = "left out: tangents (normal maps lean along texture coordinates)"
+    assert [text in str(one.message) for one in caught] == [True] * named
 
 
 @pytest.mark.parametrize(

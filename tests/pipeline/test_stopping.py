@@ -145,8 +145,8 @@ def test_the_clock_is_read_between_rounds(monkeypatch: pytest.MonkeyPatch) -> No
         clock = 0.0
         with warnings.catch_warnings(record=True, action="always") as caught:
             result = dmis.render(glossy((4, 3)), "balance", seconds=seconds, parallel=1)
-        told = "the first rounds alone took 1 s, more than seconds=0.5; write a smaller spp or resolution"
-        assert [(str(one.message), one.filename) for one in caught] == [(told, __file__)] * (seconds < 1)
+        text = "the first rounds alone took 1 s, more than seconds=0.5; write a smaller spp or resolution"
+        assert [(str(one.message), one.filename) for one in caught] == [(text, __file__)] * (seconds < 1)
         assert result.provenance["spp"] == spp and clock == spp / 32
 
 
