@@ -25,7 +25,7 @@ from dmis.samplers.streams import SAMPLERS, Numbers, stream
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Moments
 
-# CHUNK, `batch_size`, MIN_SIDE, MAX_SIDE and `PATCH` decide which tiles an image is cut into, and which batches a tile.
+# CHUNK, `batch_size`, MIN_SIDE, MAX_SIDE, UNEVEN and `PATCH` decide which tiles an image is cut into, and which batches a tile.
 # A tile's number seeds its random stream (`dmis.samplers.streams.stream`), and its batches draw from that in turn. So
 # all images and checkpoints depend on them: whoever tunes one changes every image. `layout` is in the key of a
 # checkpoint, which is refused if they differ.
@@ -33,6 +33,8 @@ CHUNK = 2**16
 """Camera samples per batch: the arrays of one batch stay in the cache. All images depend on it. See `batch_size`."""
 MIN_SIDE, MAX_SIDE = 32, 128
 """Least and largest side of a tile in pixels, multiples of `PATCH`, see `tile_areas`. All images depend on them."""
+UNEVEN = 4
+"""How many times as large tiles are whose pixels are in several batches. Images of rules with pilots depend on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +104,14 @@ def batch_size(settings: Settings) -> int:
 
 def layout(settings: Settings) -> dict[str, int]:
     """Return the constants that decide the tiles of an image and the batches of a tile, for the key of a checkpoint."""
-    sides = {"min_side": MIN_SIDE, "max_side": MAX_SIDE}
+    sides = {"min_side": MIN_SIDE, "max_side": MAX_SIDE, "uneven": UNEVEN}
     return {"chunk": CHUNK, "base": PATCH, "batch": batch_size(settings), **sides}
 
 
 def make_tiles(resolution: tuple[int, int], seed: int, pass_: int, round_: Round) -> list[Tile]:
     """Return the tiles of one round over an image of `resolution` (width, height), in row order."""
-    areas = tile_areas(
-        resolution, int(np.mean(round_.spp)), not isinstance(round_.spp, int), batch_size(round_.settings)
-    )
+    uneven = not isinstance(round_.spp, int) or round_.patterns is not None
+    areas = tile_areas(resolution, float(np.mean(round_.spp)), uneven, batch_size(round_.settings))
     return [
         Tile(seed, pass_, number, rows, columns, round_.of_area((slice(*rows), slice(*columns))))
         for number, (rows, columns) in enumerate(areas)
@@ -118,17 +119,17 @@ def make_tiles(resolution: tuple[int, int], seed: int, pass_: int, round_: Round
 
 
 def tile_areas(
-    resolution: tuple[int, int], spp: int, uneven: bool, batch: int
+    resolution: tuple[int, int], spp: float, uneven: bool, batch: int
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Return rows and columns of the tiles of an image.
+    """Return rows and columns of the tiles of an image, for a mean number `spp` of samples.
 
-    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch; twice as large where the
-    numbers of samples are `uneven`, because pixels of different patterns or numbers are in batches of their own. They
-    are 256 where most pixels have no sample, and `spp`, the mean, is 0.
+    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch. Where samples are `uneven`,
+    tiles have up to `UNEVEN` times as many pixels, because pixels of different patterns are in batches of their own,
+    and many pixels of a pilot have no samples.
     """
     across = down = MIN_SIDE
-    most = MAX_SIDE if spp else 2 * MAX_SIDE
-    while down < most and 2 * across * down * spp <= (2 * batch if uneven else batch):
+    most, batch = (2 * MAX_SIDE, UNEVEN * batch) if uneven else (MAX_SIDE, batch)
+    while down < most and 2 * across * down * spp <= batch:
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [

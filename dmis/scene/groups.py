@@ -65,8 +65,8 @@ class Group:
     materials
         The materials; a part's row in the parameter tables is its position here.
     reflection, transmission, delta
-        Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (then M = 1): those that
-        reflect, those that transmit, and Dirac deltas of either kind.
+        Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (`Images` if M > 1): those
+        that reflect, those that transmit, and Dirac deltas of either kind.
     emission
         ``(3, M)`` radiance of the bright side; None if nothing here emits.
     textured, smooth, anisotropic
@@ -113,6 +113,22 @@ class Group:
         return image(uv) if isinstance(image, Image) and uv is not None else self.textured_light.emission(p)
 
 
+@dataclass(frozen=True, eq=False)
+class Images:
+    """A parameter of M materials, of some of which it is an `Image`: numbers, RGB triples and images."""
+
+    values: tuple[Any, ...]
+
+    def __call__(self, row: Index, uv: Array) -> Array:
+        """Return the values ``(3, N)`` of the materials `row` ``(N,)`` at texture coordinates `uv` ``(2, N)``."""
+        out = np.empty((3, len(row)), np.float32)
+        for number, value in enumerate(self.values):
+            here = np.flatnonzero(row == number)
+            if len(here):
+                out[:, here] = value(uv.take(here, axis=1)) if isinstance(value, Image) else np.reshape(value, (-1, 1))
+        return out
+
+
 def _batch_signature(lobe: Any) -> tuple[Any, ...]:
     """Return what two lobes must share to be shaded together: types, and fields that are the same at all points."""
     named = dict(parameters(lobe))
@@ -134,13 +150,13 @@ def _anisotropic(lobe: Any) -> bool:
 def batch_key(part: Part) -> Any:
     """Return a key that is equal for parts that can be shaded together; None for parts that neither reflect nor emit.
 
-    A textured light has a group of its own.
+    A textured light has a group of its own, and so has a material with relief.
     """
     material = part.material
     if not material.lobes and part.light is None:
         return None
-    textured = material.relief is not None or any(has_texture(lobe) for lobe in material.lobes)
-    texture_key = id(material) if textured else None
+    textured = any(has_texture(lobe) for lobe in material.lobes)
+    texture_key = textured if material.relief is None else id(material)
     smooth = part.mesh.normals is not None and bool(material.lobes)
     tangent = part.tangent if any(_anisotropic(lobe) for lobe in material.lobes) else None
     emission_key = id(part.light) if part.light is not None and part.light.textured else part.light is not None
@@ -166,7 +182,7 @@ def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Gr
         tuple(lobe for lobe in lobes if lobe.transmissive and not lobe.delta),
         tuple(lobe for lobe in lobes if lobe.delta),
         emission,
-        texture_key is not None or isinstance(getattr(textured_light, "radiance", None), Image),
+        bool(texture_key) or isinstance(getattr(textured_light, "radiance", None), Image),
         smooth,
         any(_anisotropic(lobe) for lobe in lobes),
         None if tangent is None else direction("tangent", tangent).astype(np.float32)[:, None],
@@ -180,8 +196,8 @@ def _tabulate(lobes: tuple[Any, ...]) -> Any:
     changes: dict[str, Any] = {}
     for name, value in parameters(lobes[0]):
         values = [getattr(lobe, name) for lobe in lobes]
-        if isinstance(value, Image):
-            changes[name] = value
+        if any(isinstance(x, Image) for x in values):
+            changes[name] = Images(tuple(values)) if len(values) > 1 else value
         elif isinstance(value, Parameters):
             changes[name] = _tabulate(tuple(values))
         elif name in lobes[0].scalars:
@@ -212,8 +228,8 @@ def bind(lobe: Any, row: Index | None, uv: Array | None) -> Any:
     """Return a lobe of a group with the parameters of N points, see `bind_lobes`."""
     changes: dict[str, Any] = {}
     for name, value in parameters(lobe):
-        if isinstance(value, Image):
-            texels = value(uv)  # type: ignore[arg-type]
+        if isinstance(value, Image | Images):
+            texels = value(uv) if isinstance(value, Image) else value(row, uv)  # type: ignore[arg-type]
             changes[name] = texels if name in lobe.colours else texels[0]
         elif not isinstance(value, np.ndarray | np.generic):
             changes[name] = bind(value, row, uv)

@@ -20,7 +20,8 @@ def parameters(lobe: Parameters) -> Iterator[tuple[str, Any]]:
     """Yield the parameters that differ from point to point, and the nested data that may hold some, by name."""
     for field in fields(lobe):  # type: ignore[arg-type]
         value = getattr(lobe, field.name)
-        if field.name in lobe.colours or field.name in lobe.scalars or isinstance(value, Image | Parameters):
+        nested = hasattr(value, "colours")  # to ask whether it is an instance of the protocol takes 30 µs
+        if nested or field.name in lobe.colours or field.name in lobe.scalars or isinstance(value, Image):
             yield field.name, value
 
 
