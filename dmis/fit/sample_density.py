@@ -68,14 +68,13 @@ class Density:
         ``(A, B)``.
     confidence
         t; 0 where all pixels have the same number.
-    predicted, uncertainty
-        Error over that of equal numbers at equal cost, and its standard error.
+    predicted
+        Error over that of equal numbers at equal cost.
     """
 
     samples: Array
     confidence: float
     predicted: float
-    uncertainty: float
 
 
 def sample_density(variance: Array, cost: Array | float, exponent: float) -> Array:
@@ -151,11 +150,11 @@ def density_of_colour(
     if not path:
         spikes = spikes_of(independent, weight, [opposite])
         measured = measured + patch_spread(spikes, PATCH, weight.shape, judge)
-    t, gain, uncertainty = confidence(
+    t, gain = confidence(
         predicted, measured, cost[judge], n_1, first.budget, exponent, CONFIDENCES[error], PATH_PRICE if path else PRICE
     )
     v = neighbour_variance(weighted, spikes_of(independent, weight, others), colour)[COLOURS[colour]]
-    return Density(sample_density(v**t, cost[COLOURS[colour]], exponent), t, gain, uncertainty)
+    return Density(sample_density(v**t, cost[COLOURS[colour]], exponent), t, gain)
 
 
 def error_weight(first: Pilot, colour: int, error: str) -> Array:
@@ -229,26 +228,24 @@ def confidence(
     exponent: float,
     powers: Sequence[float],
     price: float,
-) -> tuple[float, float, float]:
-    """Return the power t of V that gives the judging pixels the least error, that error, and its standard error.
+) -> tuple[float, float]:
+    """Return the power t of V that gives the judging pixels the least error, and that error.
 
-    The error is over that of equal numbers at the same cost. t, one of the `powers`, is 0 if that
-    error is not below the `price`.
+    It is over that of equal numbers at the same cost. t, one of the `powers`, is 0 if it is not below the `price`.
 
     `predicted` is V q of these pixels from their neighbours, which numbers from `n_1` on, on average `budget`, would
     follow. `measured` is each pixel's own.
     """
     if not measured.any() or not predicted.any():
-        return 0.0, 1.0, 0.0
-    options = []
+        return 0.0, 1.0
+    of_power: dict[float, float] = {}
+    of_variance, of_cost = (np.log(x) / (1 + exponent) for x in (np.maximum(predicted / predicted.max(), TINY), cost))
     for t in powers:
-        number = sample_density(predicted**t, cost, exponent)
+        # n ~ (V^t / C)^(1 / (1 + a))
+        number = np.exp(t * of_variance - of_cost)
         for _ in range(4):  # at least n_1, for the same cost
             number = np.maximum(number * (budget * cost.sum() / np.vdot(number, cost)), n_1)
         # sum_p v_p n_p^-a
-        ratio = (number / budget) ** -exponent
-        error = np.vdot(measured, ratio) / measured.sum()
-        uncertainty = np.sqrt(np.sum((measured * (ratio - error)) ** 2)) / measured.sum()
-        options.append((float(error), t, float(uncertainty)))
-    error, t, uncertainty = min(options)
-    return (t if error < price else 0.0), error, uncertainty
+        of_power[t] = float(np.vdot(measured, (number / budget) ** -exponent) / measured.sum())
+    t = min(of_power, key=of_power.__getitem__)
+    return (t if of_power[t] < price else 0.0), of_power[t]
