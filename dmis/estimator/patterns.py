@@ -5,7 +5,8 @@ power of two. So where they are used, a share w of light samples is one of few: 
 ``w = n_l / (n_l + n_b)``.
 
 Of several lights, weak and smooth ones need fewer samples. With e *halvings* only the first ``m' = m / 2^e`` of the m
-camera samples of a round sample a light, which are as evenly distributed as all m. Their weight is ``m / m'``. They are
+camera samples of a round sample a light, eight at least, which are as evenly distributed as all m. Their weight is
+``m / m'``. They are
 divided into sub-blocks, as the m are (`dmis.variance.moments`), to estimate the variance of their mean.
 """
 
@@ -41,6 +42,12 @@ BLOCKS = 4
 """Sub-blocks of the camera samples of a pixel; a pixel of fewer samples has one for each."""
 MOST_HALVINGS = 3
 """Largest number of halvings: at least one camera sample in eight samples a light."""
+LEAST_LOOKS = 8
+"""Camera samples of a pixel and a round that sample every light, whatever its halvings, or all if there are fewer.
+
+A pixel in which few samples are bright, and none so far, has its error bounded: it is at most 16 times that of equal
+numbers with a budget of 128. On veach-mis and ten-lights that costs 1 % of relMSE times CPU seconds.
+"""
 FEW_LIGHTS = 32
 """Largest number of lights for which halvings are chosen, because each light needs statistics in memory."""
 
@@ -121,12 +128,11 @@ class LightSubsets:
 
         None if the subset is all of them, with weight 1.
         """
-        halvings = take(self.halvings[light], sample)
-        if not halvings.any():
-            return None
-        m, number = take(self.samples, sample), take(self.number, sample)
+        halvings, m, number = (take(a, sample) for a in (self.halvings[light], self.samples, self.number))
         blocks = np.minimum(m, BLOCKS)
-        m_light = np.maximum(-(-m >> halvings), blocks)  # m / 2^e, rounded up, one in each sub-block at least
+        m_light = np.maximum(-(-m >> halvings), np.minimum(m, LEAST_LOOKS))  # m / 2^e, rounded up
+        if (m_light == m).all():
+            return None
         subset = np.flatnonzero(number < m_light)
         m, number, blocks, m_light = (a.take(subset) for a in (m, number, blocks, m_light))
         return subset, (m / m_light).astype(np.float32), number * blocks // m_light

@@ -62,7 +62,9 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
     and error times cost^a is least where ``f_k^(1 + a) = V_k / C_k / (sum V_j f_j^-a / (C + sum C_j f_j))``.
 
     V_k and C_k are `variance` and `cost` of a camera sample, ``(K, ...)``, C the cost of the `camera` sample without
-    lights, and a the `exponent`, see `dmis.fit.sample_density`.
+    lights, and a the `exponent`, see `dmis.fit.sample_density`. The last place is that of delta lights. A lamp that is
+    the only one besides is never halved: a pixel with a rare bright sample, black so far like its neighbours, would
+    look for it too seldom.
 
     Returns
     -------
@@ -77,6 +79,8 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
         wanted = variance / np.maximum(cost * price, TINY)
         halvings = np.rint(np.clip(-np.log2(np.maximum(wanted, TINY)) / (1 + exponent), 0, MOST_HALVINGS))
         halvings[cost <= 0] = 0
+        if len(halvings) == 2:
+            halvings[0] = 0
         part = 2.0**-halvings
     total = np.maximum(variance.sum(axis=0), TINY)
     cost_ratio = (camera + (cost * part).sum(axis=0)) / (camera + cost.sum(axis=0))
@@ -92,7 +96,7 @@ def powers_of_two(density: Array, cost: Array, least: Array, budget: float, chan
     # t is rounded up to 2^(k + 1) with probability t / 2^k - 1, if to a power of two up to 2 t / (1 + chance)
     x = 2 * density / (1 + chance) / max(density.max(), 1e-300)
     low, high = 0.0, 60.0  # binary logarithm of the scale
-    for _ in range(50):
+    for _ in range(24):
         middle = (low + high) / 2
         fits = (_power_of_two(x * 2.0**middle, least) * cost).sum() <= budget
         low, high = (middle, high) if fits else (low, middle)
