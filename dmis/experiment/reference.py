@@ -1,6 +1,6 @@
 """References: converged images as two independent halves, cached on disk.
 
-They are rendered with the rule ``auto`` and Sobol points, whose error per second is the least.
+They are rendered with the rule ``balance`` and Sobol points: not with rules that learn, which they judge.
 
 ``mean[(x - r1)(x - r2)]`` has the expectation of the squared error against the exact image, free of the reference's own
 noise (`dmis.experiment.metrics.mse`), because the errors of the halves are independent of each other and of x.
@@ -92,7 +92,7 @@ def make_reference(
     scene: Scene,
     spp: int = 2048,
     *,
-    rule: str = "auto",
+    rule: str = "balance",
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
@@ -106,7 +106,8 @@ def make_reference(
     spp
         Camera samples per pixel of each half.
     rule
-        Rule that renders it; every rule converges to the same image.
+        Rule that renders it, with fixed shares. Every rule converges to the same image, but one that has not seen a
+        spike leaves it out of its own reference, too.
     settings, options
         See `dmis.pipeline.render.render`. Of these only ``integrator`` and ``max_depth`` count, because the expected
         image does not depend on the others: a reference of any preset, techniques or combiner is the same.
