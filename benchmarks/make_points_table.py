@@ -3,7 +3,7 @@ Low-discrepancy points, compensation, numbers of samples, shares: what each save
 ==================================================================================
 
 Measures four steps over one light and one BRDF sample with independent points and the balance heuristic: Sobol points,
-sky compensation, numbers of samples per pixel and light (`counts`), and shares of light samples (`auto`). Two more
+sky compensation, numbers of samples per pixel (`counts`), and shares of light samples (`auto`). Two more
 rules need no pilot: the power heuristic, and light samples alone. At several budgets, pilot included, on the thesis's
 four scenes and on the two that are held out: no constant was chosen on those. `counts` and `auto` are measured twice,
 because they make relMSE least by default, and MSE with ``error=absolute``.

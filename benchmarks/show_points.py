@@ -171,8 +171,8 @@ def sentences() -> dict[str, list[str]]:
             f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % on all six",
             f"Sobol points cut this error to {points}",
             f"(docs/rules.md#sky-compensation) to {percent(mean_of('sky compensation', 'relmse'))} (on TT)",
-            f"numbers of samples per pixel and light to {numbers}",
-            f"learned shares of light samples to {shares}",
+            f"learned numbers of samples per pixel to {numbers}",
+            f"learned numbers of light and BRDF samples to {shares}",
             f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE of this baseline",
         ],
         "measurements.md": [
