@@ -123,13 +123,13 @@ def tile_areas(
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Return rows and columns of the tiles of an image, for a mean number `spp` of samples.
 
-    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch. Where samples are `uneven`,
-    tiles have up to `UNEVEN` times as many pixels, because pixels of different patterns are in batches of their own,
-    and many pixels of a pilot have no samples.
+    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch; `UNEVEN` times as many where
+    numbers or patterns of samples are `uneven`, because pixels of different patterns are in batches of their own. They
+    are up to 256 where most pixels have no sample, and `spp`, the mean, is below 1.
     """
     across = down = MIN_SIDE
-    most, batch = (2 * MAX_SIDE, UNEVEN * batch) if uneven else (MAX_SIDE, batch)
-    while down < most and 2 * across * down * spp <= batch:
+    most = MAX_SIDE if spp >= 1 else 2 * MAX_SIDE
+    while down < most and 2 * across * down * spp <= (UNEVEN * batch if uneven else batch):
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [

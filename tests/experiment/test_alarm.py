@@ -58,7 +58,7 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path):
 def test_warning_of_a_noisy_reference(tmp_path):
     """A line of the table and a paragraph of the page, if its own error is more than 5 % of the smallest one."""
     scene = box_scene()
-    for spp, noisy in ((2, True), (256, False)):
+    for spp, noisy in ((2, True), (1024, False)):
         reference = dmis.make_reference(scene, spp)
         comparison = compare(scene, [], [64], [0], reference, tmp_path / str(spp), parallel=1)
         text, page = summary(comparison), (tmp_path / str(spp) / "report.html").read_text("utf-8")

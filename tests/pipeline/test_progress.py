@@ -32,7 +32,7 @@ def test_progress_of_a_reference(box: dmis.Scene, tmp_path) -> None:
     calls: list[tuple[str, int, int]] = []
     dmis.make_reference(box, 32, folder=tmp_path, parallel=1, progress=lambda *call: calls.append(call))
     done = [done / total for _, done, total in calls]
-    assert done == sorted(done) and done[-1] == 1 and done[0] < 0.5
+    assert done == sorted(done) and done[-1] == 1 and done[0] <= 0.5
 
 
 def test_bar_begins_again_with_each_render() -> None:
