@@ -63,8 +63,6 @@ class Auto(OptionRule):
         as many all pixels have equal numbers.
     exponent
         a; 0: by sampler and integrator, see `EXPONENTS`.
-    filter
-        Of the statistics that tell patterns: ``gaussian`` or ``none``; or ``joint``, among neighbours that look alike.
     error
         Error to minimise: ``relative``, the mean of squared errors over I^2 + e, or ``absolute``, the MSE.
     guard
@@ -79,7 +77,6 @@ class Auto(OptionRule):
     _: KW_ONLY
     spp: int = 0
     exponent: float = 0.0
-    filter: str = "joint"
     guard: float = 1.5
     error: str = "relative"
     combiner: str | None = None
@@ -95,7 +92,6 @@ class Auto(OptionRule):
         if self.exponent:
             number("exponent", self.exponent, 1, 3, "or 0 to choose it")
         number("guard", self.guard, 0, more="in standard errors")
-        one_of("filter", self.filter, ("gaussian", "none", "joint"))
         one_of("error", self.error, ("absolute", "relative"))
         if self.combiner is not None and not combiner_by_name(self.combiner).is_heuristic:
             raise ValueError(
@@ -145,7 +141,7 @@ class Auto(OptionRule):
             path = on_paths(budget)
             lights = 0 if budget.plan is None else separate_lights(budget.plan, budget.settings)
             statistic = partial(PatternCurves, combiner=budget.settings.combiner, lights=lights)
-            pilot_round = budget.pilot(0.5, 2 * samples, statistic, self.filter == "joint" and not path)
+            pilot_round = budget.pilot(0.5, 2 * samples, statistic, not path)
             pilot = yield replace(pilot_round, spp=samples * looks_at(budget.shape, PATHS_LOOK_AT if path else 1))
             if path:
                 choice, error = decide_one_pattern(pilot, self.error)
@@ -153,7 +149,7 @@ class Auto(OptionRule):
                 equal = number_error >= PATH_PRICE
                 maps = {"number_error": np.array([number_error])}
             else:
-                choice, error = decide_patterns(pilot, self.filter, self.error, self.guard, a)
+                choice, error = decide_patterns(pilot, self.error, self.guard, a)
             features = pilot.features
             del pilot  # its statistics are large
             maps |= {"pattern_error": np.array([error])}
@@ -162,14 +158,8 @@ class Auto(OptionRule):
         if equal:
             yield only
             return
-        first_round = replace(
-            only,
-            spp=n_1,
-            statistic=FirstRound,
-            image_weight=n_1,
-            stage="first",
-            needs_features=self.filter == "joint" and not features,
-        )
+        first_round = replace(only, spp=n_1, statistic=FirstRound, needs_features=not features)
+        first_round = replace(first_round, image_weight=n_1, stage="first")
         first = yield first_round
         first = replace(first, features=features or first.features)
         yield replace(self, exponent=a).second_round(first_round, first, budget, choice, maps)
@@ -188,7 +178,7 @@ class Auto(OptionRule):
         `dmis.fit.sample_density.Density`.
         """
         n_1, path = int(first_round.spp), on_paths(budget)
-        variance, independent = variance_of_mean(first), sample_variance(first, self.filter)
+        variance, independent = variance_of_mean(first), sample_variance(first)
         shape = variance.shape
         samples = np.full(shape, budget.spp - n_1, np.int32)
         confidence, number_error = np.ones((2, len(COLOURS)))

@@ -19,8 +19,8 @@ standard errors.
 **Paths** have one pattern for the whole image, and equal numbers n of camera samples. Then time is in proportion to C,
 and the best pattern is that of the least V C.
 
-**Judge.** Whether the choice as a whole pays is asked of samples that did not make it: half of the pixels choose, and
-the curves of the other half say what error the choice has.
+**Judge.** Whether the choice for paths pays is asked of samples that did not make it: half of the pixels choose, and
+the curves of the other half say what error the choice has. In direct lighting the guard of each patch is enough.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmis.base.patches import COLOURS, PATCH, patch_spread, patch_sum, row_blocks
+from dmis.base.patches import PATCH, patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.cost import pattern_costs
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, PatternMap
@@ -53,9 +53,9 @@ LEAST_GAIN = 0.002
 LOOKS = ((0, 0), (1, 2), (2, 1), (3, 3))
 """The pixels of a patch that the pilot looks at, one of each colour."""
 HALVES: tuple[tuple[int, ...], ...] = ((0, 3), (1, 2))
-"""Colours of the pixels that choose patterns for the judgement by the other half."""
+"""Colours of the pixels that choose for the judgement by the other half."""
 ALL: tuple[int, ...] = (0, 1, 2, 3)
-"""Colours whose pixels choose the patterns of the image."""
+"""Colours whose pixels choose the pattern of an image of paths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,30 +99,17 @@ def looks_at(shape: tuple[int, int], every: int = 1) -> np.ndarray:
     return np.where((rows + columns) % every == 0, mask, 0)
 
 
-def decide_patterns(
-    pilot: Pilot, filter_: str, error: str, guard: float, exponent: float
-) -> tuple[PatternChoice | None, float]:
+def decide_patterns(pilot: Pilot, error: str, guard: float, exponent: float) -> tuple[PatternChoice | None, float]:
     """Return the patterns of patches from a pilot, None if they do not pay, and their predicted error.
 
     The error is that over the error of the pattern 1:1 at equal cost. For the options see `dmis.fit.auto.Auto`.
     """
     weight = _patch_weight(pilot, error)
-    curves_of = {colours: curves_of_patches(pilot, colours, filter_) for colours in (*HALVES, ALL)}
-
-    def choose(colours: tuple[int, ...]) -> PatternChoice:
-        curves, lights = curves_of[colours]
-        costs = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, max(len(lights) - 1, 1))
-        return choose_patterns(curves, lights, costs, weight, guard, exponent)
-
-    predicted = float(
-        np.mean(
-            [
-                predicted_error(choose(chosen_by), curves_of[judged_by][0], weight, exponent)
-                for chosen_by, judged_by in (HALVES, HALVES[::-1])
-            ]
-        )
-    )
-    return (choose(ALL) if predicted < PATTERN_PRICE else None), predicted
+    curves, lights = curves_of_patches(pilot)
+    costs = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, max(len(lights) - 1, 1))
+    choice = choose_patterns(curves, lights, costs, weight, guard, exponent)
+    predicted = predicted_error(choice, curves, weight, exponent)
+    return (choice if predicted < PATTERN_PRICE else None), predicted
 
 
 def decide_one_pattern(pilot: Pilot, error: str) -> tuple[PatternChoice | None, float]:
@@ -159,23 +146,18 @@ def _patch_weight(pilot: Pilot, error: str) -> Array:
     return np.where(seen, 1 / (radiance**2 + dark), 0)
 
 
-def curves_of_patches(pilot: Pilot, colours: Sequence[int], filter_: str) -> tuple[PatchCurves, Array]:
-    """Return the curves of patches at `SHARES`, for two shading samples, from the samples of some colours.
+def curves_of_patches(pilot: Pilot) -> tuple[PatchCurves, Array]:
+    """Return the curves of patches at `SHARES`, for two shading samples, filtered among neighbours that look alike.
 
     And the variance of what is reflected of each light, and of the rest, ``(L + 1, rows, columns)``; ``(0, ...)`` if it
     was not gathered.
     """
     shape = pilot.moments.mean.shape[:2]
-    pixels = np.zeros(shape, np.uint8)
-    for colour in colours:
-        pixels[COLOURS[colour]] = 1
-    pixels *= np.broadcast_to(pilot.moments.n, (*shape, 1))[..., 0] > 0
-    number = {"pixels": np.maximum(patch_sum(pixels, PATCH), 1e-9)}
-    sums = ((name, sum(a[k] for k in colours)) for name, a in pilot.sums.items())
-    sigma = None if filter_ == "none" else 1.0
-    features = pilot.features if filter_ == "joint" else None
+    pixels = np.broadcast_to(pilot.moments.n, (*shape, 1))[..., 0] > 0
+    number = {"pixels": np.maximum(patch_sum(pixels.astype(float), PATCH), 1e-9)}
+    sums = ((name, a.sum(axis=0)) for name, a in pilot.sums.items())
     # no name keeps the sums: `pool` frees them
-    means, effective_number = pool({**dict(sums), **number}, shape, PATCH, sigma, 2, features)
+    means, effective_number = pool({**dict(sums), **number}, shape, PATCH, 1.0, 2, pilot.features or None)
     lights = means.pop("lights", np.empty((0, *effective_number.shape)))
     return PatchCurves(**means, pixels=effective_number, baseline=HALF), lights
 
@@ -302,7 +284,7 @@ def predicted_error(choice: PatternChoice, curves: PatchCurves, weight: Array, e
 
         sum V_p q_p n_p^-a ~ (sum (V_p q_p C_p^a)^(1 / (1 + a)))^(1 + a)
 
-    `curves` are of samples that did not choose, and `weight` is q.
+    `weight` is q.
     """
     variance = pattern_variances(curves)
     chosen = np.take_along_axis(variance, choice.pattern[None].astype(int), axis=0)[0] * choice.halved_variance

@@ -174,7 +174,7 @@ def error_weight(first: Pilot, colour: int, error: str) -> Array:
     return np.asarray(1 / (radiance**2 + np.float32(max(e, float(TINY)))))
 
 
-def sample_variance(first: Pilot, filter_: str) -> Array:
+def sample_variance(first: Pilot) -> Array:
     """Return V of a pixel's mean if its samples were independent, and the pixels in it, ``(2, 4, rows, columns)``.
 
     Sums over the pixels of each colour in patches, filtered: a neighbouring patch may have found the spikes that this
@@ -185,9 +185,7 @@ def sample_variance(first: Pilot, filter_: str) -> Array:
     squared_means = patch_sum(by_colour(np.square(first.moments.mean).mean(axis=2)), PATCH)
     variance = np.maximum(first.sums["squares"] / n_1 - squared_means, 0) / max(n_1 - 1, 1)
     count = patch_sum(by_colour(np.ones(shape)), PATCH)
-    sigma = None if filter_ == "none" else 1.0
-    features = first.features if filter_ == "joint" else None
-    means, _ = pool({"variance": variance, "count": count}, shape, PATCH, sigma, 2, features)
+    means, _ = pool({"variance": variance, "count": count}, shape, PATCH, 1.0, 2, first.features or None)
     return np.array([means["variance"], means["count"]])
 
 

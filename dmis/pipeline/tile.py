@@ -25,10 +25,10 @@ from dmis.samplers.streams import SAMPLERS, Numbers, stream
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Moments
 
-# CHUNK, `batch_size`, MIN_SIDE, MAX_SIDE, UNEVEN and `PATCH` decide which tiles an image is cut into, and which batches a tile.
-# A tile's number seeds its random stream (`dmis.samplers.streams.stream`), and its batches draw from that in turn. So
-# all images and checkpoints depend on them: whoever tunes one changes every image. `layout` is in the key of a
-# checkpoint, which is refused if they differ.
+# CHUNK, `batch_size`, MIN_SIDE, MAX_SIDE, UNEVEN and `PATCH` decide which tiles an image is cut into, and which batches
+# a tile. A tile's number seeds its random stream (`dmis.samplers.streams.stream`), and its batches draw from that in
+# turn. So all images and checkpoints depend on them: whoever tunes one changes every image. `layout` is in the key of
+# a checkpoint, which is refused if they differ.
 CHUNK = 2**16
 """Camera samples per batch: the arrays of one batch stay in the cache. All images depend on it. See `batch_size`."""
 MIN_SIDE, MAX_SIDE = 32, 128
