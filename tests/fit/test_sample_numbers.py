@@ -100,13 +100,6 @@ def test_light_halvings_are_near_the_best(exponent: float) -> None:
     assert (found / best).max() < 1.25 and np.median(found / best) < 1.03 and (found / without).max() < 1.1
 
 
-def test_the_only_lamp_is_not_halved() -> None:
-    """However little it matters; two lamps are, and so are the delta lights beside the only one."""
-    for variance, expected in (((1e-6, 1), [0, 0]), ((1, 1e-6), [0, 3]), ((1e-6, 1e-6, 1), [3, 3, 0])):
-        halvings, _, _ = light_halvings(np.array([variance]).T, np.ones((len(variance), 1)), np.ones(1), 1.4)
-        assert halvings[:, 0].tolist() == expected
-
-
 def test_lights_without_variance_or_cost() -> None:
     zero = np.zeros((3, 2))
     halvings, of_variance, of_cost = light_halvings(zero, np.ones((3, 2)), np.ones(2), 1.4)
