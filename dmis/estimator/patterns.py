@@ -55,9 +55,8 @@ FEW_LIGHTS = 32
 def separate_lights(plan: Plan, settings: Settings) -> int:
     """Return L, the number of lights with two techniques for which halvings are chosen; 0: no halvings.
 
-    There are none with a single lamp: a pixel with a rare bright sample, black so far like its neighbours, would look
-    for it too seldom; and to halve delta lights alone takes as much time as it saves. Nor for paths, where later
-    surfaces have most of the variance and of the cost.
+    None with a single lamp, whose rare highlights would be missed; to halve delta lights alone takes the time that it
+    saves. None for paths, where later surfaces have most of the variance and of the cost.
     """
     lights = len(plan.sampled_lights(settings.lights, settings.sky_compensation))
     several = 1 < lights <= FEW_LIGHTS

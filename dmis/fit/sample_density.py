@@ -230,7 +230,6 @@ def confidence(
     """Return the power t of V that gives the judging pixels the least error, and that error.
 
     It is over that of equal numbers at the same cost. t, one of the `powers`, is 0 if it is not below the `price`.
-
     `predicted` is V q of these pixels from their neighbours, which numbers from `n_1` on, on average `budget`, would
     follow. `measured` is each pixel's own.
     """
