@@ -87,6 +87,14 @@ PIECES: tuple[Piece, ...] = (
         (*BY_BALANCE, *renders_of(FOUR, "auto"), *HELD_OUT),
     ),
     Piece(
+        "field",
+        "benchmarks/field.py field-scenes",
+        "field",
+        ("measurements.md: field",),
+        ("tables/field.csv",),
+        (*BY_BALANCE, *renders_of(FOUR, "auto")),
+    ),
+    Piece(
         "paths",
         "benchmarks/make_path_table.py",
         "show_paths",

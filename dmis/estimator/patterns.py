@@ -55,11 +55,10 @@ FEW_LIGHTS = 32
 def separate_lights(plan: Plan, settings: Settings) -> int:
     """Return L, the number of lights with two techniques for which halvings are chosen; 0: no halvings.
 
-    None with a single lamp, whose rare highlights would be missed; to halve delta lights alone takes the time that it
-    saves. None for paths, where later surfaces have most of the variance and of the cost.
+    There are none with a single light, nor for paths, where later surfaces have most of the variance and of the cost.
     """
     lights = len(plan.sampled_lights(settings.lights, settings.sky_compensation))
-    several = 1 < lights <= FEW_LIGHTS
+    several = lights <= FEW_LIGHTS and lights + len(plan.deltas) > 1
     return lights if several and settings.integrator == "direct" and not settings.one_light else 0
 
 

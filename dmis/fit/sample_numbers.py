@@ -62,7 +62,8 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
     and error times cost^a is least where ``f_k^(1 + a) = V_k / C_k / (sum V_j f_j^-a / (C + sum C_j f_j))``.
 
     V_k and C_k are `variance` and `cost` of a camera sample, ``(K, ...)``, C the cost of the `camera` sample without
-    lights, and a the `exponent`, see `dmis.fit.sample_density`.
+    lights, and a the `exponent`, see `dmis.fit.sample_density`. The last place is that of delta lights; a lamp that is
+    the only one besides is not halved, because its rare highlights would be missed.
 
     Returns
     -------
@@ -77,6 +78,8 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
         wanted = variance / np.maximum(cost * price, TINY)
         halvings = np.rint(np.clip(-np.log2(np.maximum(wanted, TINY)) / (1 + exponent), 0, MOST_HALVINGS))
         halvings[cost <= 0] = 0
+        if len(halvings) == 2:
+            halvings[0] = 0
         part = 2.0**-halvings
     total = np.maximum(variance.sum(axis=0), TINY)
     cost_ratio = (camera + (cost * part).sum(axis=0)) / (camera + cost.sum(axis=0))
