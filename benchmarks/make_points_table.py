@@ -31,7 +31,7 @@ BEYOND = 256
 """Budget of `SOBOL` alone, because other rules take up to twice as long."""
 HELD_OUT = {"veach-mis": (240, 180), "ten-lights": (200, 150)}
 """Held-out scenes and their resolutions."""
-MORE_SEEDS = {"killeroo-gold": 12}
+MORE_SEEDS = {"killeroo-gold": 18}
 """Seeds more than for other scenes at 128 spp, where few pixels have most of the error."""
 
 
@@ -77,8 +77,8 @@ def main() -> None:
     opts, given = options(
         __file__,
         "what points, compensation, numbers of samples and shares save, in equal time",
-        seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
-        most={"type": int, "default": 4, "help": "number of seeds at 128 samples (default 4)"},
+        seeds={"type": int, "default": 5, "help": "number of seeds (default 5)"},
+        most={"type": int, "default": 6, "help": "number of seeds at 128 samples (default 6)"},
         scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes (default: all)"},
         csv={"type": Path, "default": CSV, "help": "rows of results (default docs/tables/points.csv)"},
     )

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 31_595, "tests": 31_315}
+LINES = {"dmis": 31_585, "tests": 31_315}
 """Lines of Python files: ceilings with room, not goals. Code that is written out is better than code that fits."""
 WORDS = 44_000
 """Words of the pages that a person writes: blocks that a script makes, and docs/published.md, aside."""

@@ -104,7 +104,6 @@ def test_lights_without_variance_or_cost() -> None:
     zero = np.zeros((3, 2))
     halvings, of_variance, of_cost = light_halvings(zero, np.ones((3, 2)), np.ones(2), 1.4)
     assert (halvings == 3).all() and np.isfinite(of_variance).all() and (of_cost == (1 + 3 / 8) / 4).all()
-    only_lamp, *_ = light_halvings(zero[1:], np.ones((2, 2)), np.ones(2), 1.4)
-    assert only_lamp.tolist() == [[0, 0], [3, 3]]
+    assert light_halvings(zero[1:], np.ones((2, 2)), np.ones(2), 1.4)[0].tolist() == [[0, 0], [3, 3]]  # the only lamp
     halvings, of_variance, of_cost = light_halvings(np.ones((3, 2)), zero, np.ones(2), 1.4)
     assert not halvings.any() and (of_variance == 1).all() and (of_cost == 1).all()
