@@ -88,7 +88,7 @@ PIECES: tuple[Piece, ...] = (
     ),
     Piece(
         "field",
-        "benchmarks/field.py field-scenes",
+        "benchmarks/field.py field-scenes --seeds 5 --reference 512",
         "field",
         ("measurements.md: field",),
         ("tables/field.csv",),

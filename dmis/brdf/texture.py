@@ -17,7 +17,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import numpy as np
 
 from dmis.base.validate import one_of
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Index
 from dmis.image_reader import load_image
 
 P = ParamSpec("P")
@@ -142,6 +142,22 @@ class Image:
     def _gather(self, row: np.ndarray, weight: Array, channels: int) -> Array:
         """Return texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
         return np.multiply(self._rows.take(row, axis=0).T[:channels], weight, order="C")
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """A parameter of M materials: numbers, RGB triples and at least one `Image`."""
+
+    values: tuple[Any, ...]
+
+    def __call__(self, row: Index, uv: Array) -> Array:
+        """Return the values ``(3, N)`` of the materials `row` ``(N,)`` at texture coordinates `uv` ``(2, N)``."""
+        out = np.empty((3, len(row)), np.float32)
+        for number, value in enumerate(self.values):
+            here = np.flatnonzero(row == number)
+            if len(here):
+                out[:, here] = value(uv.take(here, axis=1)) if isinstance(value, Image) else np.reshape(value, (-1, 1))
+        return out
 
 
 def _folded(x: Array, wrap: Wrap) -> Array:

@@ -106,8 +106,8 @@ def make_reference(
     spp
         Camera samples per pixel of each half.
     rule
-        Rule that renders it, with fixed shares. Every rule converges to the same image, but one that has not seen a
-        spike leaves it out of its own reference, too.
+        Rule that renders it, with fixed shares. Every rule converges to the same image, but a rule that learns
+        may miss the same rare bright samples in its renders and in its reference.
     settings, options
         See `dmis.pipeline.render.render`. Of these only ``integrator`` and ``max_depth`` count, because the expected
         image does not depend on the others: a reference of any preset, techniques or combiner is the same.

@@ -14,7 +14,7 @@ from dmis.base.vectors import Array, Index
 from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters, checked_lobe
 from dmis.brdf.materials import Material
 from dmis.brdf.relief import Relief
-from dmis.brdf.texture import Image
+from dmis.brdf.texture import Image, Images
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight
 from dmis.scene.masks import Mask
@@ -65,8 +65,8 @@ class Group:
     materials
         The materials; a part's row in the parameter tables is its position here.
     reflection, transmission, delta
-        Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (`Images` if M > 1): those
-        that reflect, those that transmit, and Dirac deltas of either kind.
+        Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (`Images` if M > 1).
+        The three are reflection, transmission, and Dirac deltas of both kinds.
     emission
         ``(3, M)`` radiance of the bright side; None if nothing here emits.
     textured, smooth, anisotropic
@@ -113,22 +113,6 @@ class Group:
         return image(uv) if isinstance(image, Image) and uv is not None else self.textured_light.emission(p)
 
 
-@dataclass(frozen=True, eq=False)
-class Images:
-    """A parameter of M materials, of some of which it is an `Image`: numbers, RGB triples and images."""
-
-    values: tuple[Any, ...]
-
-    def __call__(self, row: Index, uv: Array) -> Array:
-        """Return the values ``(3, N)`` of the materials `row` ``(N,)`` at texture coordinates `uv` ``(2, N)``."""
-        out = np.empty((3, len(row)), np.float32)
-        for number, value in enumerate(self.values):
-            here = np.flatnonzero(row == number)
-            if len(here):
-                out[:, here] = value(uv.take(here, axis=1)) if isinstance(value, Image) else np.reshape(value, (-1, 1))
-        return out
-
-
 def _batch_signature(lobe: Any) -> tuple[Any, ...]:
     """Return what two lobes must share to be shaded together: types, and fields that are the same at all points."""
     named = dict(parameters(lobe))
@@ -150,7 +134,7 @@ def _anisotropic(lobe: Any) -> bool:
 def batch_key(part: Part) -> Any:
     """Return a key that is equal for parts that can be shaded together; None for parts that neither reflect nor emit.
 
-    A textured light has a group of its own, and so has a material with relief.
+    Each textured light and each material with relief has its own key.
     """
     material = part.material
     if not material.lobes and part.light is None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dmis.brdf.lobe import Parameters
 from dmis.brdf.materials import Material
-from dmis.brdf.texture import Image
+from dmis.brdf.texture import Image, Images
 
 
 def parameters(lobe: Parameters) -> Iterator[tuple[str, Any]]:
@@ -21,7 +21,7 @@ def parameters(lobe: Parameters) -> Iterator[tuple[str, Any]]:
     for field in fields(lobe):  # type: ignore[arg-type]
         value = getattr(lobe, field.name)
         nested = hasattr(value, "colours")  # to ask whether it is an instance of the protocol takes 30 µs
-        if nested or field.name in lobe.colours or field.name in lobe.scalars or isinstance(value, Image):
+        if nested or field.name in lobe.colours or field.name in lobe.scalars or isinstance(value, Image | Images):
             yield field.name, value
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dmis.base.vectors import Array
-from dmis.brdf.texture import Image, Wrap, scale
+from dmis.brdf.texture import Image, Images, Wrap, scale
 
 TEXELS = np.random.default_rng(4).random((3, 4, 3)).astype(np.float32)
 
@@ -161,3 +161,8 @@ def test_bright_texels_leave_no_negative_light_beside_them() -> None:
     image = Image(np.array([[[1e8], [0.0], [1e-3]]]), wrap="clamp")
     s = np.linspace(0, 1, 10001, dtype=np.float32)
     assert (image(np.stack([s, np.full_like(s, 0.5)])) >= 0).all()
+
+
+def test_images_of_several_materials() -> None:
+    values = Image(np.full((1, 1, 1), 0.2)), (1.0, 2.0, 3.0)
+    np.testing.assert_allclose(Images(values)(np.array([1, 0]), np.zeros((2, 2))).T, [(1, 2, 3), [0.2] * 3], rtol=1e-6)
