@@ -173,7 +173,7 @@ def trial(kind: str, seed: int) -> tuple[bool, int, str]:
     else:
         table = dmis_table.table(random_scene(seed), spp, seed)
     try:
-        diagnosis = dmis.doctor(table)
+        diagnosis = dmis.diagnose(table)
     except ValueError as error:
         if "both can draw" not in str(error):
             raise

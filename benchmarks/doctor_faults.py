@@ -21,7 +21,7 @@ import numpy as np
 from rows import markdown, read_rows, write_rows
 
 import dmis
-from dmis.experiment.doctor.causes import Cause
+from dmis.doctor.causes import Cause
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "examples" / "exporters"))
@@ -143,7 +143,7 @@ def table_of_faults(side: int = 96, seed: int = 3) -> list[dict[str, Any]]:
     for fault, scenes in SCENES.items():
         for scene in scenes:
             table = plant(fault, dmis_table.table(small(scene, side), SPP.get(fault, 64), seed))
-            result = dmis.doctor(table)
+            result = dmis.diagnose(table)
             cause = next(
                 (c for c in result.causes if (c.column, c.rows, c.measure) == NAMES[fault]),
                 result.causes[0] if result.causes else None,

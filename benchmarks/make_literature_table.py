@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from rows import markdown, read_rows, write_rows
 
-from dmis.experiment.bench.judge import COLUMNS, Score, interval
+from dmis.bench.judge import COLUMNS, Score, interval
 
 ROOT = Path(__file__).resolve().parents[1]
 CSV = ROOT / "docs" / "tables" / "literature.csv"
@@ -57,7 +57,7 @@ def tables() -> dict[str, list[str]]:
 def main() -> None:
     """Score all rules."""
     from dmis.base.plugins import load_plugin
-    from dmis.experiment.bench.judge import score
+    from dmis.bench.judge import score
 
     for name in PLUGINS:
         load_plugin(ROOT / "examples" / "literature" / f"{name}.py")

@@ -38,10 +38,10 @@ from weights_figures import draw_edges
 
 from dmis.base.plugins import load_plugin
 from dmis.base.vectors import Array
-from dmis.experiment.bench.data import FULL, HALF, SCENES, Truth, path_of, read_truth
-from dmis.experiment.bench.decide import SETTINGS, SPP, AnyRule
-from dmis.experiment.bench.judge import BASELINES, Score, score
-from dmis.experiment.bench.rendered import load, measure
+from dmis.bench.data import FULL, HALF, SCENES, Truth, path_of, read_truth
+from dmis.bench.decide import SETTINGS, SPP, AnyRule
+from dmis.bench.judge import BASELINES, Score, score
+from dmis.bench.rendered import load, measure
 from dmis.fit.round import Budget, Fit
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -22,11 +22,7 @@ from weight_bounds import draw, patch_probabilities
 from dmis.base.atomic_files import replacing
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
-from dmis.cli.bench_rules import rules_of
-from dmis.estimator.allocation import shares_of
-from dmis.estimator.cost import camera_sample_cost, count_camera_samples
-from dmis.estimator.settings import Settings
-from dmis.experiment.bench.data import (
+from dmis.bench.data import (
     FULL,
     GRID,
     PACKAGED,
@@ -39,10 +35,14 @@ from dmis.experiment.bench.data import (
     read_pilots,
     read_truth,
 )
-from dmis.experiment.bench.decide import decide
-from dmis.experiment.bench.judge import error_time, random_shares
-from dmis.experiment.bench.rendered import BOUND, SECONDS, fmt, load, measure
-from dmis.experiment.bench.samples import COLUMNS, samples
+from dmis.bench.decide import decide
+from dmis.bench.judge import error_time, random_shares
+from dmis.bench.rendered import BOUND, SECONDS, fmt, load, measure
+from dmis.bench.samples import COLUMNS, samples
+from dmis.cli.bench_rules import rules_of
+from dmis.estimator.allocation import shares_of
+from dmis.estimator.cost import camera_sample_cost, count_camera_samples
+from dmis.estimator.settings import Settings
 from dmis.experiment.reference import REFERENCE_SEED
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Round, pilot_settings
@@ -224,7 +224,7 @@ def _write(path: Path, about: Any, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def make_data(scenes: Sequence[str], seeds: Sequence[int]) -> None:
-    """Make the files of scenes and seeds that are missing, see `dmis.experiment.bench.data.path_of`."""
+    """Make the files of scenes and seeds that are missing, see `dmis.bench.data.path_of`."""
     for name, seed in [(name, seed) for name in scenes for seed in (None, *seeds) if not path_of(name, seed).exists()]:
         print(path_of(name, seed), flush=True)
         if name in FULL:

@@ -10,7 +10,7 @@ import numpy as np
 from rows import markdown, read_rows
 
 from dmis.base.vectors import Array
-from dmis.experiment.bench.judge import COLUMNS, Score, interval
+from dmis.bench.judge import COLUMNS, Score, interval
 
 TABLES = Path(__file__).resolve().parents[1] / "docs" / "tables"
 SCORES_CSV, BOUNDS_CSV, RENDERS_CSV = (TABLES / f"{n}.csv" for n in ("mis-bench", "weight-bounds", "weight-renders"))

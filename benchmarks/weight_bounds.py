@@ -25,12 +25,12 @@ import numpy as np
 from dmis.base.atomic_files import replacing
 from dmis.base.patches import PATCH, patch_mean
 from dmis.base.vectors import Array
+from dmis.bench.data import GRID, HALF, path_of
+from dmis.bench.rendered import BOUND, load
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.data import GRID, HALF, path_of
-from dmis.experiment.bench.rendered import BOUND, load
 from dmis.experiment.reference import REFERENCE_SEED
 from dmis.filter import gaussian
 from dmis.fit.fixed import Fixed

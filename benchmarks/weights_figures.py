@@ -14,9 +14,9 @@ from weight_bounds import ShareTiltMoments, resized, variance
 
 from dmis import plot
 from dmis.base.vectors import Array
+from dmis.bench.rendered import load
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.rendered import load
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Round, pilot_settings
 from dmis.pipeline.job import resolve

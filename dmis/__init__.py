@@ -16,7 +16,7 @@ with open(f"{__file__.removesuffix('c')}i", encoding="utf-8") as _stub:  # __ini
     _HOMES = {line.split()[3]: line.split()[1] for line in _stub if line.startswith("from dmis.")}
 """Public names, and the modules that define them."""
 _ROOMS = (
-    "base", "brdf", "cli", "estimator", "experiment", "experiment.bench", "experiment.doctor", "experiment.report",
+    "base", "brdf", "cli", "estimator", "experiment", "bench", "doctor", "report",
     "fit", "formats", "formats.pbrt", "geometry", "light", "pipeline", "samplers", "scene", "testing", "variance",
 )  # fmt: skip
 """Packages, whose modules are loaded as attributes."""

@@ -1,6 +1,8 @@
 # Public names of dmis and their modules, one on each line: type checkers and dmis/__init__.py read them here.
 
 from dmis import plot as plot
+from dmis.bench.judge import score as score
+from dmis.bench.samples import samples as samples
 from dmis.brdf.materials import Material as Material
 from dmis.brdf.materials import glass as glass
 from dmis.brdf.materials import matte as matte
@@ -25,20 +27,16 @@ from dmis.brdf.models import ward as ward
 from dmis.brdf.relief import BumpMap as BumpMap
 from dmis.brdf.relief import NormalMap as NormalMap
 from dmis.brdf.texture import Image as Image
+from dmis.doctor.diagnosis import diagnose as diagnose
 from dmis.estimator.mis import register_heuristic as register_heuristic
 from dmis.estimator.settings import Settings as Settings
 from dmis.estimator.technique import Technique as Technique
 from dmis.estimator.technique import register_technique as register_technique
-from dmis.experiment.bench.judge import score as score
-from dmis.experiment.bench.samples import samples as samples
-from dmis.experiment.compare import compare as compare
-from dmis.experiment.doctor.diagnosis import doctor as doctor
 from dmis.experiment.metrics import mse as mse
 from dmis.experiment.metrics import relmse as relmse
 from dmis.experiment.oracle_renders import make_oracle as make_oracle
 from dmis.experiment.reference import Reference as Reference
 from dmis.experiment.reference import make_reference as make_reference
-from dmis.experiment.report.comparer import show as show
 from dmis.experiment.runs import measure as measure
 from dmis.fit.given import Given as Given
 from dmis.fit.registry import make_rule as make_rule
@@ -70,6 +68,8 @@ from dmis.pipeline.result import Result as Result
 from dmis.pipeline.result import average as average
 from dmis.pipeline.result import find_fireflies as find_fireflies
 from dmis.pipeline.result import write_image as write_image
+from dmis.report.compare import compare as compare
+from dmis.report.comparer import show as show
 from dmis.samplers.pixel_filter import PixelFilter as PixelFilter
 from dmis.samplers.streams import register_sampler as register_sampler
 from dmis.scene.camera import Camera as Camera

@@ -89,7 +89,7 @@ def alone(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFact
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Folders whose plot and report `compare` would write; the test does without, since they take most of its time."""
     folders: list[Path] = []
-    monkeypatch.setattr("dmis.experiment.compare._draw", lambda comparison, folder: folders.append(folder))
+    monkeypatch.setattr("dmis.report.compare._draw", lambda comparison, folder: folders.append(folder))
     return folders
 
 
@@ -105,3 +105,13 @@ def box() -> dmis.Scene:
     )
     camera = dmis.Camera.look_at((0, -6, 2), (0, 0, -0.2), fov=40, resolution=(32, 24))
     return dmis.Scene(camera, parts, (light, dmis.PointLight((3, -3, 3), (2, 2, 2))), "box")
+
+
+@pytest.fixture
+def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the plots of a comparison and of its report, which take most of its time."""
+    pytest.importorskip("matplotlib")
+    from dmis.report import page, plots
+
+    monkeypatch.setattr(plots, "convergence", lambda *_: None)
+    monkeypatch.setattr(page, "error_svg", lambda *_: "")

@@ -441,7 +441,7 @@ def small():
     with contextlib.ExitStack() as stack:
         stack.enter_context(mock.patch.object(subdivision, "MAX_SUBDIVIDED", 2**10))
         stack.enter_context(mock.patch.object(reader, "MAX_SCENE_TRIANGLES", 2**14))
-        for plot in ("experiment.report.page.write_report", "experiment.report.plots.convergence"):
+        for plot in ("report.page.write_report", "report.plots.convergence"):
             stack.enter_context(mock.patch(f"dmis.{plot}"))
         stack.enter_context(mock.patch.object(shapes.Quadric, "mesh", lambda quadric, segments=8: mesh(quadric, 8)))
         yield

@@ -10,7 +10,7 @@ import pytest
 from helpers import shared_scene
 
 import dmis
-from dmis.experiment.doctor.table import LABELS, read_table
+from dmis.doctor.table import LABELS, read_table
 
 pytestmark = pytest.mark.examples
 ROOT = Path(__file__).parents[1]
@@ -48,8 +48,8 @@ def test_table_of_cpp(tmp_path):
         assert np.allclose(table["p_l"] + table["p_b"], 2)
         assert np.allclose(table["direction"][:, 2] * 2, table["p_b"])
         wrong = doctor_faults.plant("cosine", dict(table))
-    assert dmis.doctor(file).healthy
-    assert doctor_faults.named("cosine", dmis.doctor(wrong).causes)
+    assert dmis.diagnose(file).healthy
+    assert doctor_faults.named("cosine", dmis.diagnose(wrong).causes)
 
 
 def test_exporters_are_short():
@@ -66,7 +66,7 @@ def test_table_of_mitsuba():
     box = mi.cornell_box()
     box["sensor"]["film"] |= {"width": 24, "height": 24}
     table = mitsuba_table.table(mi.load_dict(box), 32)
-    assert dmis.doctor(table).healthy
+    assert dmis.diagnose(table).healthy
     for fault in ("area", "cosine"):
-        assert doctor_faults.named(fault, dmis.doctor(doctor_faults.plant(fault, table)).causes)
+        assert doctor_faults.named(fault, dmis.diagnose(doctor_faults.plant(fault, table)).causes)
     assert len(read_table(table)) > 1000

@@ -13,7 +13,8 @@ import dmis
 PACKAGE = Path(dmis.__file__).parent
 LEVELS = (
     ("cli", "examples"),
-    ("testing",),
+    ("report", "doctor", "testing"),
+    ("bench",),
     ("experiment",),
     ("pipeline",),
     ("fit",),

@@ -14,8 +14,8 @@ from helpers import Z_LIMIT, registries_kept, results_z, shared_scene
 import dmis
 from dmis.base.patches import PATCH
 from dmis.base.plugins import load_plugin
+from dmis.bench.decide import _records
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.decide import _records
 from dmis.fit.registry import RULES
 from dmis.fit.round import Budget
 from dmis.variance.curves import GRID

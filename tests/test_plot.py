@@ -89,7 +89,7 @@ matplotlib.rcParams["font.size"] = 7.5
 from types import SimpleNamespace
 from dmis import plot
 from dmis.experiment.runs import Run
-from dmis.experiment.report.plots import convergence, error_svg, map_png
+from dmis.report.plots import convergence, error_svg, map_png
 run = Run("balance", 4, 0, 100, 0.0, 0.0, 1.0, 0.1, 0.01, 0.1, 1.0)
 comparison = SimpleNamespace(scene="s", seeds=1, oracle=None, runs={{("balance", 4): [run]}})
 def draw():

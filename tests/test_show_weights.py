@@ -7,8 +7,8 @@ import show_weights
 from rows import write_rows
 from weight_bounds import BOUNDS
 
-from dmis.experiment.bench.data import GRID, HALF, Truth
-from dmis.experiment.bench.judge import Score
+from dmis.bench.data import GRID, HALF, Truth
+from dmis.bench.judge import Score
 from tests.test_weight_bounds import planted
 
 

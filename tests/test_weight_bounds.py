@@ -8,9 +8,9 @@ import pytest
 from weight_bounds import BOUNDS, Bounds, ShareTiltMoments, bounds, draw, patch_probabilities, variance, with_interval
 
 from dmis.base.vectors import Array
+from dmis.bench.data import GRID, HALF
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.data import GRID, HALF
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Round, pilot_settings
 from dmis.pipeline.job import resolve

@@ -15,9 +15,9 @@ from typing import Any, NoReturn
 from dmis import __version__
 from dmis.base.synonyms import COMMAND_LINE, advice
 from dmis.base.text import printable
+from dmis.bench.data import SCENES as BENCH_SCENES
+from dmis.bench.judge import STYLES
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.data import SCENES as BENCH_SCENES
-from dmis.experiment.bench.judge import STYLES
 from dmis.experiment.convergence import METRICS
 from dmis.fit.registry import RULES
 from dmis.fit.round import WEIGH

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from dmis.base.plugins import load_plugin, raised
+from dmis.bench.data import path_of, read_truth
+from dmis.bench.judge import BASELINES, ORACLES, report, score
 from dmis.cli.shared import say
-from dmis.experiment.bench.data import path_of, read_truth
-from dmis.experiment.bench.judge import BASELINES, ORACLES, report, score
 from dmis.fit.registry import RULES
 
 
@@ -20,7 +20,7 @@ def bench_rules(options: argparse.Namespace) -> int:
     for scene in scenes:  # before the rules, whose errors name their file
         read_truth(path_of(scene))
         if options.render:
-            from dmis.experiment.bench.rendered import confirm, load  # imported where used: scores need no renderer
+            from dmis.bench.rendered import confirm, load  # imported where used: scores need no renderer
 
             load(scene)
     rules = [(text, *item) for text in options.rules for item in rules_of(text).items()]

@@ -29,7 +29,6 @@ from dmis.cli.figures import diff, figure, table
 from dmis.cli.rendering import render
 from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of, spp_of
 from dmis.estimator.settings import make_settings
-from dmis.experiment.compare import check_output, compare, parse_rules, summary, summary_of_scenes
 from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import cache_folder, load_reference, make_reference
 from dmis.experiment.table import Comparison
@@ -37,6 +36,7 @@ from dmis.fit.registry import RULES, about, make_rule
 from dmis.formats.load_scene import SHIPPED
 from dmis.image import read_exr
 from dmis.pipeline.job import resolve
+from dmis.report.compare import check_output, compare, parse_rules, summary, summary_of_scenes
 from dmis.scene.scene import Scene
 
 
@@ -103,7 +103,7 @@ def _compare(options: argparse.Namespace) -> int:
     if not options.quiet:
         say(summary_of_scenes(comparisons))
     if find_spec("matplotlib") is not None:
-        from dmis.experiment.report.page import write_report  # imported where used: it brings matplotlib
+        from dmis.report.page import write_report  # imported where used: it brings matplotlib
 
         page = options.output / "report.html"
         write_report(comparisons, page)
@@ -156,7 +156,7 @@ def _oracle(options: argparse.Namespace) -> int:
     with progress_bar(options.quiet) as progress:
         curves = {"settings": settings, "weigh": options.weigh}
         oracle = make_oracle(scene, options.spp, **curves, parallel=options.threads, progress=progress)
-    from dmis.experiment.report.plots import write_best_shares
+    from dmis.report.plots import write_best_shares
 
     options.output.mkdir(parents=True, exist_ok=True)
     text, paths = oracle.text(), [options.output / name for name in ("oracle.md", "best_shares.png")]
@@ -170,7 +170,7 @@ def _oracle(options: argparse.Namespace) -> int:
 
 def _play(options: argparse.Namespace) -> int:
     """Run ``play`` and return its exit code."""
-    from dmis.experiment.report.play import play_page
+    from dmis.report.play import play_page
 
     if options.output.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"-o of play must end in .html, the page that it writes; got {str(options.output)!r}")

@@ -6,18 +6,18 @@ import argparse
 
 from dmis.base.atomic_files import check_package, check_writable, replacing
 from dmis.cli.shared import say
-from dmis.experiment.compare import split_rules
 from dmis.experiment.metrics import flip, mse, relmse
 from dmis.experiment.reference import load_reference
-from dmis.experiment.report.paper_table import paper_table
 from dmis.experiment.table import read_comparison
+from dmis.report.compare import split_rules
+from dmis.report.paper_table import paper_table
 
 
 def figure(options: argparse.Namespace) -> int:
     """Run ``figure`` and return its exit code."""
     check_package("matplotlib", "a figure", "pip install 'dmis[plot]'")
     check_writable(options.output)
-    from dmis.experiment.report.figure import write_figure  # imported where used: it brings matplotlib
+    from dmis.report.figure import write_figure  # imported where used: it brings matplotlib
 
     rules = split_rules(options.rules) if options.rules else []
     windows = write_figure(
@@ -58,7 +58,7 @@ def diff(options: argparse.Namespace) -> int:
             raise ValueError(str(missing)) from missing
         say(f"FLIP    not measured: {missing}")
     if options.output is not None:
-        from dmis.experiment.report.figure import write_error_map
+        from dmis.report.figure import write_error_map
 
         write_error_map(image, reference, options.metric, options.output)
         say(options.output)

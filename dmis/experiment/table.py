@@ -286,7 +286,7 @@ def _run(row: list[str], least: Mapping[str, float]) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Runs of several rules on one scene, with their images; `dmis.experiment.report.page` shows it as a page.
+    """Runs of several rules on one scene, with their images; `dmis.report.page` shows it as a page.
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ After this tutorial you can
   techniques;
 * keep mirrors out of multiple importance sampling;
 * count light on a path only once, whichever technique finds it;
-* find one common mistake by `dmis.doctor`, and two others by comparing means.
+* find one common mistake by `dmis.diagnose`, and two others by comparing means.
 
 Each part shows the right code first, and then a common mistake.
 """
@@ -86,7 +86,7 @@ def brdf_samples(count):
 
 
 def make_table(q, in_brdf_rows=light_density):
-    """Return the shading samples of the floor as columns, as `dmis.doctor` reads them.
+    """Return the shading samples of the floor as columns for `dmis.diagnose`.
 
     ``in_brdf_rows`` is what the renderer computes where the BRDF drew the direction.
     """
@@ -153,8 +153,8 @@ for name, table in (("right", right), ("forgets q", wrong)):
 # Up to noise each technique alone has the right mean, even with this mistake, because
 # it divides only by its own density. But with the balance heuristic the image is too
 # dark, which is hard to see. The doctor finds the fault from the samples:
-print(dmis.doctor(right).text(), "\n")
-print(dmis.doctor(wrong).text())
+print(dmis.diagnose(right).text(), "\n")
+print(dmis.diagnose(wrong).text())
 
 # %%
 # The doctor reports which column is wrong, in which rows, and by which factor: 4, which

@@ -9,8 +9,8 @@ from helpers import shared_scene
 
 import dmis
 from dmis.experiment import alarm
-from dmis.experiment.compare import compare, summary
 from dmis.experiment.runs import Run, measure
+from dmis.report.compare import compare, summary
 from dmis.testing.scenes import box_scene
 
 

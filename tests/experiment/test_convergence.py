@@ -10,8 +10,8 @@ from helpers import run
 
 import dmis
 from dmis.experiment.convergence import Gain, _ratios, gains, interpolate_log_log, line, over_scenes
-from dmis.experiment.report.tables import winners
 from dmis.experiment.runs import PINNED, measure
+from dmis.report.tables import winners
 
 
 @pytest.fixture
@@ -150,7 +150,7 @@ def test_no_winner_against_itself(name: str, tmp_path: Path) -> None:
     A two-sided 95 % interval lies below 1 in 2.5 % (4 % with the heaviest tails), and more than 8 of 80 at 4 % happen
     once in 170 tests. With seconds taken as exact it was 1 in 5 on the diffuse killeroo.
     """
-    tables = pytest.importorskip("dmis.experiment.report.tables", reason="needs matplotlib")
+    tables = pytest.importorskip("dmis.report.tables", reason="needs matplotlib")
     scene = dmis.load_scene(name, resolution=(48, 40))
     reference = dmis.make_reference(scene, 1024, folder=tmp_path)
     assert sum(tables.best_gain(repeated(scene, reference, k)) is not None for k in range(80)) <= 8

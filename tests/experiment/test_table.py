@@ -10,11 +10,11 @@ import pytest
 
 import dmis
 import dmis.experiment.runs
-from dmis.experiment.compare import compare
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import COLUMNS, Results, conditions
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES as RULES_BY_NAME
+from dmis.report.compare import compare
 
 RULES, SPP = ["balance", "thesis:patch=4"], [4, 8]
 

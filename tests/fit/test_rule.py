@@ -10,11 +10,11 @@ from helpers import run_cell
 
 import dmis
 from dmis.cli.commands import main
-from dmis.experiment.compare import compare, parse_rules
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.round import Budget, Pilot
 from dmis.fit.rule import rule_text
 from dmis.fit.thesis import Thesis
+from dmis.report.compare import compare, parse_rules
 from dmis.variance.moments import Moments
 from dmis.variance.simplex_curves import SimplexCurves
 

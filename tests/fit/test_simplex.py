@@ -16,13 +16,13 @@ from dmis.brdf.materials import plastic
 from dmis.estimator.allocation import allocate
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
-from dmis.experiment.compare import parse_rules
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Pilot
 from dmis.fit.simplex import Simplex, best_points
 from dmis.light.area import SphereLight
+from dmis.report.compare import parse_rules
 from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID, Curves
 from dmis.variance.moments import Film

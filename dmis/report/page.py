@@ -15,12 +15,12 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.experiment.convergence import Gain, gains, ratio_text
-from dmis.experiment.report import tables
-from dmis.experiment.report.comparer import HEAD, HELP, asset, comparer, filled, palette_colours, viewer_data
-from dmis.experiment.report.plots import error_svg, map_png
-from dmis.experiment.report.tables import escaped, saving_text
 from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import Comparison
+from dmis.report import tables
+from dmis.report.comparer import HEAD, HELP, asset, comparer, filled, palette_colours, viewer_data
+from dmis.report.plots import error_svg, map_png
+from dmis.report.tables import escaped, saving_text
 from dmis.variance.curves import HALF
 
 

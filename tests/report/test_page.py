@@ -20,15 +20,15 @@ from helpers import run
 from PIL import Image
 
 from dmis import plot
-from dmis.experiment.compare import summary
 from dmis.experiment.convergence import gains, ratio_text
-from dmis.experiment.report.comparer import linear_png, palette_colours
-from dmis.experiment.report.page import share_maps, write_report
-from dmis.experiment.report.paper_table import paper_table
-from dmis.experiment.report.plots import INK, convergence, error_lines, map_png
-from dmis.experiment.report.tables import costs_table, efficiency_table
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
+from dmis.report.compare import summary
+from dmis.report.comparer import linear_png, palette_colours
+from dmis.report.page import share_maps, write_report
+from dmis.report.paper_table import paper_table
+from dmis.report.plots import INK, convergence, error_lines, map_png
+from dmis.report.tables import costs_table, efficiency_table
 
 RULES, SPP = ["pbrt", "thesis:patch=4", "second-moment"], [8, 16]
 ALL = ["balance", *RULES, PINNED]

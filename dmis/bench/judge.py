@@ -13,9 +13,9 @@ import numpy as np
 from dmis.base.patches import PATCH, patch_mean, patch_spread, patch_sum
 from dmis.base.validate import one_of
 from dmis.base.vectors import TINY, Array
-from dmis.experiment.bench.data import FULL, GRID, HALF, SCENES, Truth, path_of, read_pilots, read_truth, seeds_of
-from dmis.experiment.bench.decide import SETTINGS, SPP, AnyRule, decide
-from dmis.experiment.bench.samples import SampleTable
+from dmis.bench.data import FULL, GRID, HALF, SCENES, Truth, path_of, read_pilots, read_truth, seeds_of
+from dmis.bench.decide import SETTINGS, SPP, AnyRule, decide
+from dmis.bench.samples import SampleTable
 from dmis.experiment.metrics import mean_and_error
 from dmis.experiment.oracle import HARM_LIMIT, Oracle
 from dmis.fit.objectives import OBJECTIVE_NAMES
@@ -75,15 +75,15 @@ def score(rule: AnyRule, scenes: Iterable[str | os.PathLike[str]] = SCENES, seed
     ----------
     rule
         A `dmis.Rule` or its text; or a function of the pilot tables by w, ``{0.0: table, 0.5: table, 1.0: table}``, see
-        `dmis.experiment.bench.samples.SampleTable`, that returns shares of light samples ``(H, W)``, or a pair of these
+        `dmis.bench.samples.SampleTable`, that returns shares of light samples ``(H, W)``, or a pair of these
         and numbers of camera samples in proportion ``(H, W)``. Of blocks of a larger image, a rule decides in one after
         the other, and only shares count.
     scenes
-        Names of `dmis.experiment.bench.data.SCENES`, or of `dmis.experiment.bench.data.PACKAGED`, such as ``small``,
-        which come with dmis, or of `dmis.experiment.bench.data.FULL`; or paths of data files of one's own, see
+        Names of `dmis.bench.data.SCENES`, or of `dmis.bench.data.PACKAGED`, such as ``small``,
+        which come with dmis, or of `dmis.bench.data.FULL`; or paths of data files of one's own, see
         docs/bench-files.md. All are blocks of larger images, or none.
     seeds
-        Seeds of the pilots. Of other scenes than `dmis.experiment.bench.data.SCENES`, those without a file are left
+        Seeds of the pilots. Of other scenes than `dmis.bench.data.SCENES`, those without a file are left
         out.
     """
     seeds = list(seeds)

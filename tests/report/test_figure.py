@@ -13,14 +13,14 @@ import dmis
 from dmis.cli.commands import main
 from dmis.experiment.convergence import gains
 from dmis.experiment.metrics import flip, relative_error
-from dmis.experiment.report.paper_table import paper_table
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison, read_comparison
 from dmis.fit.registry import RULES
 from dmis.image import read_exr, write_exr
+from dmis.report.paper_table import paper_table
 
 pytest.importorskip("matplotlib")
-from dmis.experiment.report import figure
+from dmis.report import figure
 
 
 def test_a_folder_tells_its_comparison(made: tuple[Comparison, Path]) -> None:

@@ -165,8 +165,8 @@ def _draw(comparison: Comparison, folder: Path) -> None:
     """Write plot and report of a comparison, if there is matplotlib."""
     if find_spec("matplotlib") is None:
         return
-    from dmis.experiment.report.page import write_report  # imported where used: they bring matplotlib
-    from dmis.experiment.report.plots import convergence
+    from dmis.report.page import write_report  # imported where used: they bring matplotlib
+    from dmis.report.plots import convergence
 
     convergence(comparison, folder / "convergence.png")
     write_report([comparison], folder / "report.html")

@@ -21,10 +21,10 @@ from dmis.estimator.settings import Settings
 from dmis.experiment.oracle import Oracle, between
 from dmis.experiment.oracle_renders import make_oracle, measure_patches
 from dmis.experiment.reference import make_reference
-from dmis.experiment.report.comparer import HEAD, asset, filled, png
 from dmis.fit.thesis import Thesis
 from dmis.image import tonemap
 from dmis.pipeline.render import render
+from dmis.report.comparer import HEAD, asset, filled, png
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID
 

@@ -19,9 +19,9 @@ from dmis.cli.commands import main
 from dmis.estimator.cost import CAMERA, RAY, SHADING
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.oracle_renders import EPSILON, measure_patches
-from dmis.experiment.report import play
-from dmis.experiment.report.comparer import asset
-from dmis.experiment.report.play import MOST_SAMPLES, best_even, best_with_samples
+from dmis.report import play
+from dmis.report.comparer import asset
+from dmis.report.play import MOST_SAMPLES, best_even, best_with_samples
 from dmis.variance.curves import GRID, HALF
 
 INNER = GRID[1:-1]

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
+from dmis.bench.data import Pilots
+from dmis.bench.samples import SampleTable
 from dmis.estimator.records import PIXEL_SUMS, Record
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
-from dmis.experiment.bench.data import Pilots
-from dmis.experiment.bench.samples import SampleTable
 from dmis.fit.given import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round

@@ -1,4 +1,4 @@
-"""The diagnosis of a table: verdict, causes, evidence; `dmis.doctor` makes it."""
+"""The diagnosis of a table: verdict, causes, evidence; `dmis.diagnose` makes it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from dmis.experiment.bench.samples import SampleTable
-from dmis.experiment.doctor.causes import Cause, name_causes, smallest_factors
-from dmis.experiment.doctor.evidence import joint_test
-from dmis.experiment.doctor.gains import FEW, firefly_share, savings
-from dmis.experiment.doctor.means import LEAST_ROWS, MOST, Test, smallest_visible, tests, z_limit
-from dmis.experiment.doctor.table import read_table
+from dmis.bench.samples import SampleTable
+from dmis.doctor.causes import Cause, name_causes, smallest_factors
+from dmis.doctor.evidence import joint_test
+from dmis.doctor.gains import FEW, firefly_share, savings
+from dmis.doctor.means import LEAST_ROWS, MOST, Test, smallest_visible, tests, z_limit
+from dmis.doctor.table import read_table
 
 UNEXPLAINED = 1e-3
 """Probability of a misfit below which a cause does not explain a table."""
@@ -26,14 +26,14 @@ SHOWN = 6
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What `dmis.doctor` finds in a table.
+    """What `dmis.diagnose` finds in a table.
 
     Attributes
     ----------
     tests, limit
         Tests of means, those first that have all rows; the limit of their ``abs(z)``.
     joint
-        Larger p-value of two halves, see `dmis.experiment.doctor.evidence.joint_test`; NaN if they are too small.
+        Larger p-value of two halves, see `dmis.doctor.evidence.joint_test`; NaN if they are too small.
     rows
         Numbers of rows that were compared: light samples, BRDF samples.
     notes
@@ -113,7 +113,7 @@ class Diagnosis:
             yield f"smallest constant errors that would be named: {factors}"
 
 
-def doctor(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> Diagnosis:
+def diagnose(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> Diagnosis:
     """Return what is wrong with multiple importance sampling in a table of shading samples of any renderer.
 
     Parameters

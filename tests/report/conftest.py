@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 import dmis
-from dmis.experiment.compare import compare
 from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.table import Comparison
 
@@ -19,17 +18,7 @@ def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Com
     reference = dmis.make_reference(box, 64, folder=folder)
     oracle = make_oracle(box, 64, folder=folder)
     rules, options = ["pbrt", "thesis:patch=4", "second-moment"], {"parallel": 1, "sampler": "independent"}
-    return compare(box, rules, [8, 16], [0, 1], reference, folder, oracle=oracle, **options), folder
-
-
-@pytest.fixture
-def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the plots of a comparison and of its report, which take most of its time."""
-    pytest.importorskip("matplotlib")
-    from dmis.experiment.report import page, plots
-
-    monkeypatch.setattr(plots, "convergence", lambda *_: None)
-    monkeypatch.setattr(page, "error_svg", lambda *_: "")
+    return dmis.compare(box, rules, [8, 16], [0, 1], reference, folder, oracle=oracle, **options), folder
 
 
 @pytest.fixture(scope="session")

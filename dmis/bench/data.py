@@ -19,7 +19,7 @@ import numpy as np
 from dmis.base.patches import PATCH
 from dmis.base.validate import number, one_of, pair, whole
 from dmis.base.vectors import Array
-from dmis.experiment.bench.samples import SampleTable
+from dmis.bench.samples import SampleTable
 from dmis.experiment.reference import cache_folder
 
 VERSION = 2

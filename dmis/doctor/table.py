@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dmis.base.vectors import Array, Floats
-from dmis.experiment.bench.samples import SampleTable
+from dmis.bench.samples import SampleTable
 
 VERSION = 1
 """Version of the format."""

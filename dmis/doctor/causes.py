@@ -1,7 +1,7 @@
 """Causes of a fault: which column, in which rows, by what factor, so that the table would be right without it.
 
 A cause says that a column is `factor` times too large in some rows, or `factor` times a measure, such as cos/d^2 of a
-density per area. With the column divided by it, the misfit Q of `dmis.experiment.doctor.evidence` must be small. The
+density per area. With the column divided by it, the misfit Q of `dmis.doctor.evidence` must be small. The
 factor is that of the least Q, which is chi-square with J - 1 degrees of freedom for the right cause; its 95 % interval
 is where Q exceeds its least value by less than 1.96^2. The share of a cause is in proportion to exp(-Q / 2). Causes
 that give the same table, such as p_l times 2 and p_b times 1/2 in all rows, have equal shares.
@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmis.base.vectors import Floats
-from dmis.experiment.doctor.evidence import Evidence, gather, misfit, p_value, solve
-from dmis.experiment.doctor.table import Table
+from dmis.doctor.evidence import Evidence, gather, misfit, p_value, solve
+from dmis.doctor.table import Table
 
 SCREENED, FITTED = 12_000, 200_000
 """Rows by which all causes are compared, and those by which the best are."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.experiment.doctor.table import Table
+from dmis.doctor.table import Table
 
 PATCH = 8
 """Side of the patches of pixels whose shares could differ."""

@@ -1,6 +1,6 @@
 """Evidence of a table: sums that are 0 if nothing is wrong, or if a cause is taken out, with their covariance.
 
-Equation (1) of `dmis.experiment.doctor.means` must hold for all functions g at once; here these are `J` bounded ones of
+Equation (1) of `dmis.doctor.means` must hold for all functions g at once; here these are `J` bounded ones of
 the densities, of f, of the geometry and of labels. With the sums m of their differences and the covariance C of m, the
 misfit is ``Q = m^T C^-1 m``, chi-square with J degrees of freedom if nothing is wrong (Hansen 1982: generalised method
 of moments).
@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from dmis.base.vectors import Array, Floats
-from dmis.experiment.doctor.means import LEAST_ROWS, TINIEST, expected_rows
-from dmis.experiment.doctor.table import Table
+from dmis.doctor.means import LEAST_ROWS, TINIEST, expected_rows
+from dmis.doctor.table import Table
 
 JOINT = 400_000
 """Rows of each half that is tested."""

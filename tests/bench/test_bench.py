@@ -15,9 +15,7 @@ import pytest
 import dmis
 from dmis.base.patches import PATCH, patch_mean, patch_spread
 from dmis.base.vectors import Array
-from dmis.cli.commands import main
-from dmis.estimator.cost import count_camera_samples, surface_points
-from dmis.experiment.bench.data import (
+from dmis.bench.data import (
     GRID,
     HALF,
     PACKAGED,
@@ -29,8 +27,8 @@ from dmis.experiment.bench.data import (
     read_pilots,
     read_truth,
 )
-from dmis.experiment.bench.decide import SETTINGS, SPP, _part, decide
-from dmis.experiment.bench.judge import (
+from dmis.bench.decide import SETTINGS, SPP, _part, decide
+from dmis.bench.judge import (
     BASELINES,
     ORACLES,
     STYLES,
@@ -40,7 +38,9 @@ from dmis.experiment.bench.judge import (
     report,
     score,
 )
-from dmis.experiment.bench.samples import SampleTable
+from dmis.bench.samples import SampleTable
+from dmis.cli.commands import main
+from dmis.estimator.cost import count_camera_samples, surface_points
 from dmis.experiment.oracle import Oracle
 from dmis.fit.round import Budget, Fit, Pilot, Round
 from dmis.fit.second_moment import SecondMoment
@@ -344,7 +344,7 @@ def test_scenes_that_come_with_dmis() -> None:
 
 def test_rendered_track(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Light samples alone cost the teapot more than balance, by scores and by renders; oracles are not rendered."""
-    monkeypatch.setattr("dmis.experiment.bench.rendered.SECONDS", 0.0)
+    monkeypatch.setattr("dmis.bench.rendered.SECONDS", 0.0)
     assert main(["bench-rules", "fixed:0.03", "oracle", "--scenes", SMALL, "--render"]) == 0
     *_, line = capsys.readouterr().out.splitlines()
     scene, rule, *_, absolute, relative, _, error, _ = line.split()

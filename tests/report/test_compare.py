@@ -7,11 +7,11 @@ import pytest
 
 import dmis
 from dmis.cli.commands import main
-from dmis.experiment.compare import parse_rules
 from dmis.experiment.reference import load_reference
 from dmis.experiment.table import COLUMNS
 from dmis.fit.registry import RULES
 from dmis.fit.thesis import Thesis
+from dmis.report.compare import parse_rules
 
 SIZE = ["--resolution", "24x18", "--reference-spp", "16"]
 
@@ -223,8 +223,8 @@ def test_compare_needs_a_scene_only(tmp_path, monkeypatch, box):
         asked.update(budgets=budgets, seeds=seeds, reference=reference)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dmis.experiment.compare.measure", no_measure)
-    monkeypatch.setattr("dmis.experiment.compare.make_reference", lambda *a, **_: dmis.make_reference(a[0], 4))
+    monkeypatch.setattr("dmis.report.compare.measure", no_measure)
+    monkeypatch.setattr("dmis.report.compare.make_reference", lambda *a, **_: dmis.make_reference(a[0], 4))
     with pytest.raises(KeyboardInterrupt):
         dmis.compare(box)
     assert asked["budgets"] == [("pinned", 128), ("balance", 128), ("thesis", 128), ("auto", 128)]

@@ -15,8 +15,8 @@ from dmis import plot
 from dmis.base.vectors import Array
 from dmis.experiment.convergence import MEASURES, Axis, Measure, line
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.report.comparer import png
 from dmis.experiment.runs import Budget, Run
+from dmis.report.comparer import png
 from dmis.variance.curves import HALF
 
 if TYPE_CHECKING:

@@ -27,10 +27,10 @@ from dmis.base.window import Window, window_area
 from dmis.experiment.convergence import METRICS, Gain, gains
 from dmis.experiment.metrics import flip, relative_error, squared_error
 from dmis.experiment.reference import Reference
-from dmis.experiment.report.comparer import show
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
 from dmis.image import tonemap
+from dmis.report.comparer import show
 
 FRAMES = "#e8590c", "#1c7ed6", "#2f9e44", "#ae3ec9"
 """Colours of the frames of crops."""

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.experiment.doctor.table import Table
+from dmis.doctor.table import Table
 
 LEVEL = 0.01
 """Probability that any test of a right table alarms."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from dmis.experiment.doctor.diagnosis import Diagnosis
+from dmis.doctor.diagnosis import Diagnosis
 
 SHOWN = 60
 """Tests of parts of the rows, those of the largest z."""

@@ -181,4 +181,4 @@ def filled(template: str, fill: Mapping[str, str]) -> str:
 
 def asset(name: str) -> str:
     """Return the text of a file beside this module."""
-    return files("dmis.experiment.report").joinpath(name).read_text("utf-8")
+    return files("dmis.report").joinpath(name).read_text("utf-8")

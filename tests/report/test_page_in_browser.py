@@ -13,8 +13,8 @@ from helpers import offline_tab
 from PIL import Image
 
 import dmis
-from dmis.experiment.report.comparer import palette_colours
 from dmis.experiment.runs import PINNED
+from dmis.report.comparer import palette_colours
 
 ALL = ["balance", "pbrt", "thesis:patch=4", "second-moment", PINNED]
 

@@ -10,11 +10,11 @@ from time import process_time
 import numpy as np
 
 from dmis.base.vectors import Array
+from dmis.bench.data import FULL, PACKAGED, SCENES, SMALL, path_of, read_pilots
+from dmis.bench.decide import AnyRule, decide
+from dmis.bench.judge import shares_and_samples
 from dmis.estimator.cost import CAMERA, RAY, SHADING, UNTRACED, count_camera_samples, surface_points
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.data import FULL, PACKAGED, SCENES, SMALL, path_of, read_pilots
-from dmis.experiment.bench.decide import AnyRule, decide
-from dmis.experiment.bench.judge import shares_and_samples
 from dmis.fit.given import Given
 from dmis.fit.round import Round
 from dmis.formats.load_scene import SCENE_FOLDER, load_scene

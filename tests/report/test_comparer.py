@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.experiment.report.comparer import Comparer
+from dmis.report.comparer import Comparer
 
 A, B = np.full((3, 4, 3), 0.5, np.float32), np.linspace(0, 2, 36, dtype=np.float32).reshape(3, 4, 3)
 

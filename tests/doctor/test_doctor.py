@@ -12,12 +12,12 @@ from helpers import shared_scene
 
 import dmis
 from dmis.cli.commands import main
-from dmis.experiment.doctor import means
-from dmis.experiment.doctor.causes import FITTED
-from dmis.experiment.doctor.diagnosis import Diagnosis
-from dmis.experiment.doctor.evidence import gather, joint_test
-from dmis.experiment.doctor.gains import firefly_share, savings
-from dmis.experiment.doctor.table import REQUIRED, read_table
+from dmis.doctor import means
+from dmis.doctor.causes import FITTED
+from dmis.doctor.diagnosis import Diagnosis
+from dmis.doctor.evidence import gather, joint_test
+from dmis.doctor.gains import firefly_share, savings
+from dmis.doctor.table import REQUIRED, read_table
 
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples" / "exporters")]
@@ -54,12 +54,12 @@ def diagnosis(fault: str = "") -> Diagnosis:
     right = synthetic()
     if fault == "lobe":
         right["lobe"] = 1 + right["camera_sample"] // 7 % 2
-    return dmis.doctor(doctor_faults.plant(fault, right))
+    return dmis.diagnose(doctor_faults.plant(fault, right))
 
 
 def test_right_tables_pass():
     """Of 40 right tables at a level of 1 % at most 2 alarm."""
-    assert sum(not dmis.doctor(synthetic(4000, seed)).healthy for seed in range(40)) <= 2
+    assert sum(not dmis.diagnose(synthetic(4000, seed)).healthy for seed in range(40)) <= 2
 
 
 def test_errors_of_tests_are_right():
@@ -113,16 +113,16 @@ def test_causes_that_give_the_same_table_are_together():
 def test_sky_without_sine_is_named():
     """On the scene tt, of 48x27 pixels."""
     table = dmis_table.table(shared_scene("tt", (48, 27)), 8)
-    assert dmis.doctor(table).healthy
-    assert doctor_faults.named("sine", dmis.doctor(doctor_faults.plant("sine", table)).causes)
+    assert dmis.diagnose(table).healthy
+    assert doctor_faults.named("sine", dmis.diagnose(doctor_faults.plant("sine", table)).causes)
 
 
 def test_smallest_error_is_named():
     """A fault of twice the smallest error that a right table promises to name is named; a fifth of it is not found."""
     right, least = synthetic(), diagnosis().smallest["p_b of light"]
     factors = {k: np.where(right["technique"] == 0, 1 + k * least, 1) for k in (0.2, 2.0)}
-    assert dmis.doctor(right | {"p_b": right["p_b"] * factors[0.2]}).healthy
-    causes = dmis.doctor(right | {"p_b": right["p_b"] * factors[2.0]}).causes
+    assert dmis.diagnose(right | {"p_b": right["p_b"] * factors[0.2]}).healthy
+    causes = dmis.diagnose(right | {"p_b": right["p_b"] * factors[2.0]}).causes
     factors = [c.factor ** (1 if (c.column, c.rows) == ("p_b", "light") else -1) for c in causes]
     assert factors[0] == pytest.approx(1 + 2 * least, rel=least) and causes[0].z == pytest.approx(10, rel=0.4)
 
@@ -160,7 +160,7 @@ def test_samples_of_one_technique_decide_nothing():
     """Blocks of pixels in which no BRDF sample could have been a light sample: there is nothing to compare."""
     scene = shared_scene("cornell", (24, 24))
     for seed in range(6):
-        diagnosis = dmis.doctor(dmis.samples(scene, spp=16, seed=seed))
+        diagnosis = dmis.diagnose(dmis.samples(scene, spp=16, seed=seed))
         assert diagnosis.healthy
         assert not any(test.trusted for test in diagnosis.tests if abs(test.difference) > 1.99)
 
@@ -169,7 +169,7 @@ def test_few_samples_decide_nothing():
     """One sample as bright as all others together makes no alarm."""
     table = synthetic(4000)
     table["f"][10] = table["f"].sum()
-    diagnosis = dmis.doctor(table)
+    diagnosis = dmis.diagnose(table)
     assert diagnosis.healthy and not next(t for t in diagnosis.tests if t.name == "f").trusted
 
 
@@ -189,19 +189,19 @@ def test_faults_without_a_cause_are_told():
     right = synthetic() | {"lobe": np.tile(np.arange(20_000) // 7 % 2, 2)}
     wrong = doctor_faults.plant("cosine", right)
     table = right | {"p_b": np.where(right["lobe"] == 1, wrong["p_b"], right["p_b"])}
-    assert dmis.doctor(table).text().startswith("verdict: no cause that I know explains it: ")
+    assert dmis.diagnose(table).text().startswith("verdict: no cause that I know explains it: ")
 
 
 def test_lights_of_equal_size():
     """The four lights of the most rows differ between few rows and all; a fault is named all the same."""
     table = doctor_faults.plant("density", synthetic() | {"light": np.tile(np.arange(20_000) // 100 % 9, 2)})
-    assert doctor_faults.named("density", dmis.doctor(table).causes)
+    assert doctor_faults.named("density", dmis.diagnose(table).causes)
 
 
 def test_tests_that_are_left_out_are_told():
     """A table of 20 light samples tells nothing, and says so; absent columns, too."""
     required = {name: column for name, column in synthetic(20).items() if name in REQUIRED}
-    diagnosis = dmis.doctor(required)
+    diagnosis = dmis.diagnose(required)
     assert diagnosis.healthy and diagnosis.text().startswith("verdict: too few rows to tell")
     assert "joint test in two halves: left out" in diagnosis.text() and "lobe (one of a material)" in diagnosis.text()
 
@@ -243,7 +243,7 @@ def test_bad_tables_are_refused(change, message):
     """The message says what is wrong and what is allowed."""
     table = {name: value for name, value in (synthetic(4000) | change).items() if value is not None}
     with pytest.raises(ValueError, match=message):
-        dmis.doctor(table)
+        dmis.diagnose(table)
 
 
 @pytest.mark.parametrize(
@@ -262,7 +262,7 @@ def test_bad_rows_are_named(column, value, message):
     table["f"][7] = 1
     table[column][7] = value
     with pytest.raises(ValueError, match=message):
-        dmis.doctor(table)
+        dmis.diagnose(table)
 
 
 def test_directions_of_one_technique_alone_are_no_evidence():
@@ -273,13 +273,13 @@ def test_directions_of_one_technique_alone_are_no_evidence():
     of_light = more["technique"][len(alone) :] == 0
     more["p_b"][len(alone) :][of_light] = 0
     more["p_l"][len(alone) :][~of_light] = 0
-    expected, found = dmis.doctor(table), dmis.doctor(more)
+    expected, found = dmis.diagnose(table), dmis.diagnose(more)
     assert found.rows == expected.rows
     assert [test.z for test in found.tests] == [test.z for test in expected.tests]
     brdf = int(np.argmax((table["technique"] == 1) & (table["p_l"] > 0)))
     table["f"][brdf], table["p_b"][brdf] = 1, 0
     with pytest.raises(ValueError, match=f"calls 0, with f > 0; row {brdf:,}"):
-        dmis.doctor(table)
+        dmis.diagnose(table)
 
 
 def test_units_are_doubted():
@@ -296,7 +296,7 @@ def test_occluded_rows_may_be_left_out(of):
         table = doctor_faults.plant(fault, right) if fault else right
         kept = (table["f"][:, 0] > 0) | (table["technique"] == 1 - of)
         lit = {k: v[kept] if np.shape(v)[:1] == kept.shape else v for k, v in table.items()}
-        diagnosis = dmis.doctor(lit)
+        diagnosis = dmis.diagnose(lit)
         assert diagnosis.healthy == (fault is None) and doctor_faults.named("density", diagnosis.causes) == bool(fault)
         assert any("f = 0 are left out" in note for note in diagnosis.notes) == (of < 2)
 
@@ -307,7 +307,7 @@ def test_directions_that_are_never_drawn_are_told():
     assert "never draws" not in diagnosis().text()
     lost = (right["technique"] == 0) & (right["direction"][:, 2] > 0.25) & (right["direction"][:, 2] < 0.5)
     table = {k: v[~lost] if np.shape(v)[:1] == lost.shape else v for k, v in right.items()}
-    wrong = dmis.doctor(table)
+    wrong = dmis.diagnose(table)
     (line,) = [line for line in wrong.text().splitlines() if "numbers  z +0.38" in line]
     assert not wrong.healthy and "light sampling never draws these" in line
 
@@ -339,7 +339,7 @@ def test_large_tables_are_thinned(monkeypatch):
 
 def test_table_of_samples():
     """What `dmis.samples` returns is a table, and right."""
-    diagnosis = dmis.doctor(dmis.samples(shared_scene("teapot-area-light", (40, 40)), spp=16, sampler="independent"))
+    diagnosis = dmis.diagnose(dmis.samples(shared_scene("teapot-area-light", (40, 40)), spp=16, sampler="independent"))
     assert diagnosis.healthy and min(diagnosis.rows) > 500
 
 
