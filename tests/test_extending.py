@@ -25,7 +25,6 @@ from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.round import Round
 from dmis.formats.load_scene import light_part
 from dmis.pipeline.job import resolve
-from dmis.samplers.streams import Independent
 from dmis.testing.scenes import box_scene
 
 pytestmark = pytest.mark.examples
@@ -102,8 +101,6 @@ def test_technique_on_the_command_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"name": "light"}, "there is a technique 'light' already; techniques are light, brdf"),
-        ({"name": "light+brdf"}, "name must be a word of letters, digits and _; got 'light.brdf'"),
         ({"rays": "shadow"}, "technique mine: rays must be a word under which .* such as 'mine'; .*; got 'shadow'"),
         ({"rays": "camera"}, "got 'camera'"),
         ({"numbers": 5}, "numbers of technique mine must be a whole number from 2 to 4; got 5"),
@@ -173,22 +170,17 @@ def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
     [
         (lambda a, k: a[k] / sum(a), "must add up to 1 over the techniques; got .* It must return W / a.k., not W"),
         (lambda a, k: 1 / a[k], "must add up to 1"),
-        (3, r"heuristic mine must be a function \(a, k\) .*; got 3"),
         (lambda a, k: np.float32(1), r"heuristic mine must be an array of float of shape \(1000,\); got float32"),
     ],
 )
 def test_heuristics_that_are_refused(heuristic: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         dmis.register_heuristic("mine", heuristic)
-    with pytest.raises(ValueError, match=r"combiner must be balance, .*, power.* or cutoff.*; got 'mine'"):
+    with pytest.raises(ValueError, match=r"combiner must be one of balance, .*, power.*, cutoff.*; got 'mine'"):
         dmis.Settings(combiner="mine")
 
 
-def test_names_of_heuristics() -> None:
-    """A name that is taken is refused; the heuristic of a name is defined anew, and not remembered."""
-    for name, message in (("power", "there is a combiner 'power' already"), ("a b", "must be a word of letters")):
-        with pytest.raises(ValueError, match=message):
-            dmis.register_heuristic(name, mis.balance)
+def test_a_heuristic_that_is_defined_anew_is_not_remembered() -> None:
     for beta in (1.0, 3.0):
         names: dict[str, Any] = {"__name__": "cell", "power": mis.power(beta)}
         exec("def mine(a, k):\n    return power(a, k)", names)
@@ -266,20 +258,6 @@ def test_sampler_on_the_command_line(tmp_path: Path, capsys) -> None:
         in capsys.readouterr().err
     )
     assert main([*small, "--plugin", str(path)]) == 0
-
-
-@pytest.mark.parametrize(
-    ("name", "factory", "message"),
-    [
-        ("sobol", Independent, "there is a sampler 'sobol' already; samplers are independent, stratified, sobol, low"),
-        ("auto", Independent, "a sampler cannot be named auto, which stands for the default one"),
-        ("my sampler", Independent, "a sampler's name must be a word of letters, digits and _; got 'my sampler'"),
-        ("mine", 3, "sampler mine must be a class or function that makes it for a tile; got 3"),
-    ],
-)
-def test_samplers_that_are_refused(name: str, factory: object, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        dmis.register_sampler(name, factory)  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("drawn")

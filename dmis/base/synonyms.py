@@ -79,6 +79,12 @@ KEYWORDS = {
     "depth": "max_depth=",
 }
 """Arguments of `render` and `compare` that they do not have, and what to write."""
+PLUGINS = {
+    **dict.fromkeys(("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis"), "objectives"),
+    "simplex": "simplex",
+    "resampled": "resampled",
+}
+"""Rules and techniques that were part of dmis, and the plug-ins of examples/literature that register them."""
 
 
 def advice(word: str, written: dict[str, str], names: Iterable[str]) -> str:

@@ -19,7 +19,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dmis.base.plugins import guarded, origin
+from dmis.base.plugins import guarded
+from dmis.base.registry import Registry
 from dmis.base.validate import check_array, number, positive
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.optimal_mis import Optimal
@@ -176,12 +177,15 @@ class OptimalMIS(Combiner):
         return Optimal(shares, samples)
 
 
-COMBINERS = {c.name: c for c in (Combiner("balance"), Combiner("maximum", maximum), Frozen(), OptimalMIS())}
-"""Combiners without a parameter, by name; `register_heuristic` adds to it."""
 FAMILIES: dict[str, tuple[Callable[[float], Heuristic], float]] = {"power": (power, 2.0), "cutoff": (cutoff, 0.1)}
 """Heuristics of a parameter, by name, and its default."""
-SHIPPED = frozenset({*COMBINERS, *FAMILIES})
-"""Names of the combiners that every process knows."""
+COMBINERS: Registry[Combiner] = Registry(
+    "combiner",
+    {c.name: c for c in (Combiner("balance"), Combiner("maximum", maximum), Frozen(), OptimalMIS())},
+    reserved=dict.fromkeys(FAMILIES, "dmis has it for heuristics of a parameter"),
+    source=lambda combiner: combiner.heuristic,
+)
+"""Combiners without a parameter, by name; `register_heuristic` adds to it."""
 
 
 def register_heuristic(name: str, heuristic: Heuristic) -> None:
@@ -190,8 +194,7 @@ def register_heuristic(name: str, heuristic: Heuristic) -> None:
     Parameters
     ----------
     name
-        A word of letters, digits and ``_``. The heuristic of a name may be defined anew, as a notebook cell that runs
-        twice does.
+        Letters and digits, words joined by ``_``.
     heuristic
         ``(a, k) -> W / a[k]``: from the effective densities ``a_j = w_j p_j``, K arrays ``(N,)``, the weight W of a
         sample of technique k over its own effective density, ``(N,)``. It is tried at some densities of two to four
@@ -203,13 +206,7 @@ def register_heuristic(name: str, heuristic: Heuristic) -> None:
         If the name is not right or taken, or the weights of all techniques are not finite, ``(N,)`` and of sum 1: an
         estimate with other weights has another mean.
     """
-    if not isinstance(name, str) or not name.isidentifier():
-        raise ValueError(f"a heuristic's name must be a word of letters, digits and _; got {name!r}")
-    known = COMBINERS.get(name)
-    if name in SHIPPED or (known and origin(known.heuristic) != origin(heuristic)):
-        raise ValueError(f"there is a combiner {name!r} already; combiners are {', '.join((*COMBINERS, *FAMILIES))}")
-    if not callable(heuristic):
-        raise ValueError(f"heuristic {name} must be a function (a, k) that returns W / a[k]; got {heuristic!r}")
+    COMBINERS.check(name, Combiner(name, heuristic))
     heuristic = guarded(f"heuristic {name}", heuristic, _check_over)
     rng = np.random.default_rng(1)
     for techniques, n in ((2, 1000), (3, 1000), (4, 8)):
@@ -246,6 +243,5 @@ def combiner_by_name(name: str) -> Combiner:
         heuristic, default = FAMILIES[kind]
         parameter = float(text) if dash else default
     except (KeyError, ValueError):
-        allowed = (*COMBINERS, "power[-EXPONENT]", "cutoff[-THRESHOLD]")
-        raise ValueError(f"combiner must be {', '.join(allowed[:-1])} or {allowed[-1]}; got {name!r}") from None
+        raise COMBINERS.unknown(name, ", power[-EXPONENT], cutoff[-THRESHOLD]") from None
     return Combiner(name, heuristic(parameter))

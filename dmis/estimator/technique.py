@@ -12,7 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from dmis.base.plugins import guarded, is_shipped, origin
+from dmis.base.plugins import guarded, is_shipped
+from dmis.base.registry import Registry
 from dmis.base.validate import check_array, whole
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
@@ -81,19 +82,20 @@ UNIFORM = Technique(
     lambda surface, directions, light_pdf: directions.above / TWO_PI,
 )
 RESAMPLED = Technique("resampled", "resampled", resampled, LIGHT.pdf, numbers=3, exact=False)
-TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)}
+TECHNIQUES: Registry[Technique] = Registry(
+    "technique",
+    {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)},
+    source=lambda technique: technique.sample,
+)
 """Techniques by name. `UNIFORM`, of equal density over the hemisphere, is for teaching."""
-SHIPPED = frozenset(TECHNIQUES)
-"""Names of the techniques that every process knows."""
 _OTHER_RAYS = frozenset({"camera", "delta", "specular", "guide"})
 """Kinds of rays that are not of a technique, see `dmis.pipeline.result.Result.rays`."""
 
 
 def register_technique(technique: Technique) -> None:
-    """Add a technique by its name, as in the rule ``simplex:light=0.5,NAME=0.5``.
+    """Add a technique by its name, as in the rule ``fixed:light=0.5,NAME=0.5``.
 
-    One of a name may be defined anew, as a notebook cell that runs twice does. A ValueError if it is not right, see
-    `check_technique_form`.
+    A ValueError if it is not right, see `check_technique_form`.
     """
     check_technique_form(technique)
     TECHNIQUES[technique.name] = technique
@@ -102,20 +104,16 @@ def register_technique(technique: Technique) -> None:
 def check_technique_form(technique: Technique) -> None:
     """Raise a ValueError if a technique cannot be one beside those that are registered.
 
-    Its name must be a word, and not that of another technique; its kind of rays must not be that of other rays; sample
-    and pdf must be functions, and it needs 2 to 4 uniform numbers.
+    Its name must be right (`dmis.base.registry.Registry.check`); its kind of rays must not be that of other rays;
+    sample and pdf must be functions, and it needs 2 to 4 uniform numbers.
     """
     if not isinstance(technique, Technique):
         raise ValueError(f"a technique must be a dmis.Technique; got {technique!r}")
     name, rays = technique.name, technique.rays
-    if not isinstance(name, str) or not name.isidentifier():
-        raise ValueError(f"a technique's name must be a word of letters, digits and _; got {name!r}")
     for part in ("sample", "pdf"):
         if not callable(function := getattr(technique, part)):
             raise ValueError(f"technique {name}: {part} must be a function; got {function!r}")
-    known = TECHNIQUES.get(name, technique)
-    if known != technique and (name in SHIPPED or origin(known.sample) != origin(technique.sample)):
-        raise ValueError(f"there is a technique {name!r} already; techniques are {', '.join(TECHNIQUES)}")
+    TECHNIQUES.check(name, technique)
     taken = sorted(_OTHER_RAYS | {other.rays for other in TECHNIQUES.values() if other.name != name})
     if not isinstance(rays, str) or rays in taken or rays.startswith("bounce"):
         example = f"{name}_rays" if name in taken else name
@@ -152,7 +150,6 @@ def technique_by_name(name: Technique | str) -> Technique:
     """
     if isinstance(name, Technique):
         return name
-    try:
-        return TECHNIQUES[name]
-    except KeyError:
-        raise ValueError(f"technique must be one of {', '.join(TECHNIQUES)}; got {name!r}") from None
+    if name not in TECHNIQUES:
+        raise TECHNIQUES.unknown(name)
+    return TECHNIQUES[name]

@@ -24,7 +24,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
 from dmis.experiment.reference import Reference
-from dmis.fit.registry import SHIPPED, make_rule
+from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings
 from dmis.pipeline.executor import Parallel, Workers, worker_processes
 from dmis.pipeline.job import resolve
@@ -169,7 +169,7 @@ def _renders(
     scene.in_float32[0].prepare()  # now, so that it is not part of the CPU seconds of the first run
     most = max((spp for _, spp, _ in turns), default=1)
     tiles = tile_areas(scene.camera.resolution, most, False, batch_size(merge_settings(settings, scene)[0]))
-    known = all(rule == PINNED or rule.partition(":")[0] in SHIPPED for rule, _, _ in turns)  # at workers, too
+    known = all(rule == PINNED or rule.partition(":")[0] in RULES.shipped for rule, _, _ in turns)  # at workers, too
     if known and len(tiles) < TILES_PER_WORKER * processes:
         results: dict[Turn, tuple[Result, float]] = {}
         timed = partial(timed_render, settings, 1)

@@ -10,7 +10,8 @@ from functools import partial
 from inspect import signature
 from typing import Any, Literal, get_args, get_origin
 
-from dmis.base.plugins import loaded_plugins, origin, raised
+from dmis.base.plugins import loaded_plugins, raised
+from dmis.base.registry import Registry
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.auto import Auto
@@ -21,19 +22,24 @@ from dmis.fit.second_moment import SecondMoment
 from dmis.fit.simplex import Simplex
 from dmis.fit.thesis import Thesis
 
-RULES: dict[str, Callable[..., Rule]] = {
-    "balance": partial(Fixed, 0.5, combiner="balance"),
-    "fixed": Fixed,
-    "pbrt": partial(Fixed, 0.5, combiner="power"),
-    "one-sample": partial(Fixed, allocation="random"),
-    "uniform": partial(Fixed, 1.0, techniques=("uniform", "brdf")),
-    "resampled": partial(Fixed, techniques=("resampled", "brdf")),
-    "thesis": Thesis,
-    **{name: partial(SecondMoment, name) for name in ("second-moment", *OBJECTIVE_NAMES)},
-    "simplex": Simplex,
-    "counts": partial(Auto, False),
-    "auto": Auto,
-}
+RULES: Registry[Callable[..., Rule]] = Registry(
+    "rule",
+    {
+        "balance": partial(Fixed, 0.5, combiner="balance"),
+        "fixed": Fixed,
+        "pbrt": partial(Fixed, 0.5, combiner="power"),
+        "one-sample": partial(Fixed, allocation="random"),
+        "uniform": partial(Fixed, 1.0, techniques=("uniform", "brdf")),
+        "resampled": partial(Fixed, techniques=("resampled", "brdf")),
+        "thesis": Thesis,
+        **{name: partial(SecondMoment, name) for name in ("second-moment", *OBJECTIVE_NAMES)},
+        "simplex": Simplex,
+        "counts": partial(Auto, False),
+        "auto": Auto,
+    },
+    joint="-",
+    reserved={"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"},
+)
 """Rules by name; `about` says what each does."""
 _ABOUT = {
     "balance": "Take one light and one BRDF sample, weighed by the balance heuristic.",
@@ -51,9 +57,6 @@ _ABOUT = {
     "counts": "Choose numbers of camera samples per pixel from a first round, with equal shares.",
 }
 """What the rules do that share a class with others."""
-SHIPPED = frozenset(RULES)
-"""Names of the rules that every process knows."""
-_RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
 _GUESSES = {"power": "pbrt", "light": "fixed:1", "brdf": "fixed:0", "bsdf": "fixed:0"}
 """The rules that are meant by names which are none."""
 
@@ -73,23 +76,14 @@ def register_rule(name: str, cls: Callable[..., Rule]) -> None:
     cls
         Class that derives from `dmis.fit.rule.Rule`, or a function that returns a rule. Its arguments, such as the
         fields of a dataclass, are the rule's options: each has a default, and those whose default is a number, a
-        string, True or False may be given as text. The class of a name may be defined anew, as a notebook cell that
-        runs twice does.
+        string, True or False may be given as text.
 
     Raises
     ------
     ValueError
         If the name is not of this form or is taken, an argument has no default, or `cls` makes no rule.
     """
-    if not isinstance(name, str) or not re.fullmatch("[A-Za-z][A-Za-z0-9]*(-[A-Za-z0-9]+)*", name):
-        raise ValueError(f"name of a rule must be letters, digits and hyphens, such as my-rule; got {name!r}")
-    if name in _RESERVED:
-        raise ValueError(f"name of a rule must not be {name}, because {_RESERVED[name]}. Choose another name")
-    if not callable(cls):
-        raise ValueError(f"rule {name} must be a class, or a function that returns a rule; got {cls!r}")
-    if name in SHIPPED or (name in RULES and origin(RULES[name]) != origin(cls)):
-        owner = "dmis" if name in SHIPPED else origin(RULES[name])
-        raise ValueError(f"name of a rule must be new; {name!r} is taken by {owner}. Choose another name")
+    RULES.check(name, cls)
     try:
         rule = cls()
     except TypeError as error:
@@ -160,13 +154,10 @@ def _no_such_rule(name: str) -> ValueError:
     guess = _GUESSES.get(name.lower(), f"fixed:{name}" if re.fullmatch(r"[01]|[01]?\.\d+", name) else "")
     hint = f", did you mean {guess!r}?" if guess else did_you_mean(name, RULES) or "."
     how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
-    if loaded_plugins() and RULES.keys() == SHIPPED:
+    if loaded_plugins() and RULES.keys() == RULES.shipped:
         files = " and ".join(path.name for path in loaded_plugins())
         how = f"{files} registered no rule: end it with dmis.register_rule({name!r}, ...), and the rule's class"
-    return ValueError(
-        f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}{hint} "
-        f"{how}"
-    )
+    return RULES.unknown(name, ", and options behind a colon, as in thesis:patch=4", f"{hint} {how}")
 
 
 def _given_shares(options: dict[str, Any]) -> Rule:

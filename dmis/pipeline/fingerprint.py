@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmis.estimator.mis import COMBINERS, SHIPPED
+from dmis.estimator.mis import COMBINERS
 from dmis.estimator.technique import technique_by_name
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
@@ -98,7 +98,7 @@ def sampling_hashes(settings: Mapping[str, Any]) -> dict[str, str]:
     named: dict[str, Any] = {f"technique {name}": technique_by_name(name) for name in settings["techniques"]}
     if (sampler := settings.get("sampler", "auto")) != "auto":
         named[f"sampler {sampler}"] = SAMPLERS[sampler]
-    if (combiner := settings.get("combiner")) in COMBINERS.keys() - SHIPPED:
+    if (combiner := settings.get("combiner")) in COMBINERS.keys() - COMBINERS.shipped:
         named[f"combiner {combiner}"] = COMBINERS[combiner]
     return {name: digest(value, name) for name, value in named.items()}
 

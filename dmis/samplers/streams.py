@@ -20,7 +20,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from dmis.base.plugins import checked, is_shipped, origin
+from dmis.base.plugins import checked, is_shipped
+from dmis.base.registry import Registry
 from dmis.base.validate import check_array
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
@@ -220,15 +221,12 @@ _METHODS = dict.fromkeys(("start", "draw", "draw_block", "rounding_offsets", "ro
 
 SamplerFactory = Callable[[PixelBlock], Sampler]
 """Makes the sampler of the pixels of one tile."""
-SAMPLERS: dict[str, SamplerFactory] = {
-    "independent": Independent,
-    "stratified": Stratified,
-    "sobol": Sobol,
-    "lowdiscrepancy": LowDiscrepancy,
-}
+SAMPLERS: Registry[SamplerFactory] = Registry(
+    "sampler",
+    {"independent": Independent, "stratified": Stratified, "sobol": Sobol, "lowdiscrepancy": LowDiscrepancy},
+    reserved={"auto": "it stands for the default one"},
+)
 """By name; `register_sampler` adds to it."""
-SHIPPED = frozenset(SAMPLERS)
-"""Names of the samplers that every process knows."""
 
 
 def register_sampler(name: str, factory: SamplerFactory) -> None:
@@ -237,20 +235,11 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     Parameters
     ----------
     factory
-        ``(block) -> Sampler``, such as a class; `block` is a `dmis.samplers.pixel_block.PixelBlock`. The class of a
-        name may be defined anew, as a notebook cell that runs twice does.
+        ``(block) -> Sampler``, such as a class; `block` is a `dmis.samplers.pixel_block.PixelBlock`.
 
-    A ValueError if the name is not a word, or is ``auto`` or that of another sampler, or `factory` cannot be called.
+    A ValueError if the name is not right, see `dmis.base.registry.Registry.check`, or `factory` cannot be called.
     """
-    if not (isinstance(name, str) and name.isidentifier()):
-        raise ValueError(f"a sampler's name must be a word of letters, digits and _; got {name!r}")
-    if name == "auto":
-        raise ValueError("a sampler cannot be named auto, which stands for the default one; give another name")
-    if not callable(factory):
-        raise ValueError(f"sampler {name} must be a class or function that makes it for a tile; got {factory!r}")
-    if name in SHIPPED or origin(SAMPLERS.get(name, factory)) != origin(factory):
-        raise ValueError(f"there is a sampler {name!r} already; samplers are {', '.join(SAMPLERS)}")
-    SAMPLERS[name] = factory
+    SAMPLERS.add(name, factory)
 
 
 def is_sequence(kind: str) -> bool:

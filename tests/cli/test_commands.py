@@ -17,7 +17,6 @@ import dmis
 from dmis.cli import commands
 from dmis.cli.commands import main
 from dmis.fit.registry import RULES
-from dmis.fit.registry import SHIPPED as SHIPPED_RULES
 from dmis.formats.load_scene import SHIPPED
 from dmis.image import read_exr
 
@@ -142,8 +141,8 @@ def test_info(scene, capsys):
     assert main(["info", "--rules"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[::2]] == list(RULES) and any("patch=" in line for line in lines)
-    sentences = {line[19:] for line in lines[::2] if line.split()[0] in SHIPPED_RULES}
-    assert len(sentences) == len(SHIPPED_RULES) and all(len(s) > 40 and s.endswith(".") for s in sentences)
+    sentences = {line[19:] for line in lines[::2] if line.split()[0] in RULES.shipped}
+    assert len(sentences) == len(RULES.shipped) and all(len(s) > 40 and s.endswith(".") for s in sentences)
     assert main(["info", "--scenes"]) == 0 and capsys.readouterr().out.split() == list(SHIPPED)
 
 

@@ -300,8 +300,8 @@ def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
         ({"rule": "second-moment", "spp": 32, "shading_samples": 3}, "shading_samples must be even"),
         ({"rule": "simplex", "spp": 32, "shading_samples": 3}, "shading_samples must be even"),
         ({"rule": "auto", "spp": 32, "shading_samples": 1}, "even for rule auto,.*; got 1. Use 2, or rule thesis"),
-        ({"combiner": 3}, "combiner must be balance, .*; got '3'"),
-        ({"combiner": ["power"]}, r"combiner must be balance, .*; got .\['power'\]"),
+        ({"combiner": 3}, "combiner must be one of balance, .*; got '3'"),
+        ({"combiner": ["power"]}, r"combiner must be one of balance, .*; got .\['power'\]"),
         (
             {"progress": 5},
             r"progress must be a function progress\(stage, done, total\), True for a bar, or None; got 5",
