@@ -22,6 +22,7 @@ import numpy as np
 import trimesh
 
 import dmis
+from dmis.base.synonyms import PLUGINS
 
 RESOLUTION = (48, 40)
 SPP = 32
@@ -58,7 +59,7 @@ def configurations() -> dict[str, dict[str, Any]]:
         add("killeroo-gold", rule, integrator="direct")
     for rule in ("second-moment", "second-moment:filter=gaussian", "neyman", "taylor", "representativity", "simplex"):
         add("tt", rule, integrator="direct")
-    add("teapot-area-light", "simplex:light=0.5,brdf=0.3,uniform=0.2", integrator="direct")
+    add("teapot-area-light", "fixed:light=0.5,brdf=0.3,uniform=0.2", integrator="direct")
     for sampler in ("sobol", "stratified"):
         add("tt", "balance", integrator="direct", sampler=sampler)
         add("teapot-area-light", "auto", integrator="direct", sampler=sampler)
@@ -124,6 +125,8 @@ def render(configuration: Mapping[str, Any], scenes: dict[str, dmis.Scene]) -> d
     """Render one configuration; the arrays that must not change, by name."""
     name = configuration["scene"]
     scene = scenes.setdefault(name, load(name))
+    if configuration["rule"] in PLUGINS:
+        dmis.load_plugin(PLUGINS[configuration["rule"]])
     result = dmis.render(scene, configuration["rule"], SPP, seed=SEED, parallel=2, **configuration["settings"])
     arrays = {"image": result.image, "deviation": result.deviation, "weight": result.weight, "samples": result.samples}
     return {**arrays, "rays": np.array(sorted(result.rays.items()), dtype="U32")}

@@ -60,7 +60,7 @@ def main() -> None:
     from dmis.bench.judge import score
 
     for name in PLUGINS:
-        load_plugin(ROOT / "examples" / "literature" / f"{name}.py")
+        load_plugin(name)
     rows: list[Mapping[str, object]] = [*read_rows(CSV)]
     present = {row["rule"] for row in rows}
     for name, rule in RULES.items():

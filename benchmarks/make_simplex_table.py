@@ -17,6 +17,7 @@ from common import ROOT, bold, options, show
 from pieces import FOUR
 from rows import markdown, read_runs, writer
 
+from dmis.base.plugins import load_plugin
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import measure
 
@@ -30,7 +31,7 @@ RULES = (
     "simplex:light+brdf+resampled",
     "simplex:light+brdf+resampled,cost=no",
     "simplex:light+brdf+uniform",
-    "simplex:light=0.25,brdf=0.25,resampled=0.5",
+    "fixed:light=0.25,brdf=0.25,resampled=0.5",
 )
 
 
@@ -54,6 +55,7 @@ def tables() -> dict[str, list[str]]:
 
 def main() -> None:
     """Measure."""
+    load_plugin("simplex")
     opts, given = options(
         __file__,
         "learned and given shares of three techniques",

@@ -44,7 +44,6 @@ from dmis.bench.judge import BASELINES, Score, score
 from dmis.bench.rendered import load, measure
 from dmis.fit.round import Budget, Fit
 
-ROOT = Path(__file__).resolve().parents[1]
 JUDGED = tuple(name.removeprefix("full-") for name in FULL[:6])
 """Scenes whose rules are judged at both sizes: not many-lights, where one share is best everywhere, nor paths."""
 CONFIRMED = ("teapot-area-light", "killeroo-diffuse")
@@ -56,8 +55,8 @@ CONFIRMED = ("teapot-area-light", "killeroo-diffuse")
 
 def write_scores() -> None:
     """Score all rules at both sizes: a row for each seed of small images, for each group of blocks of large ones."""
-    for stem in ("hua2025", "grittmann2019", "inverse_moments", "grittmann2022"):
-        load_plugin(ROOT / "examples" / "literature" / f"{stem}.py")
+    for name in ("hua2025", "grittmann2019", "inverse_moments", "grittmann2022", "objectives"):
+        load_plugin(name)
     rows: list[Mapping[str, object]] = [*read_rows(SCORES_CSV)]
     present = {(row["rule"], row["scene"]) for row in rows}
     for size, of in (("", partial(score, seeds=range(4))), ("full-", score_full)):

@@ -21,6 +21,7 @@ from weight_bounds import draw, patch_probabilities
 
 from dmis.base.atomic_files import replacing
 from dmis.base.patches import PATCH
+from dmis.base.plugins import load_plugin
 from dmis.base.vectors import Array
 from dmis.bench.data import (
     FULL,
@@ -244,6 +245,7 @@ def make_data(scenes: Sequence[str], seeds: Sequence[int]) -> None:
 
 def validate(scenes: Sequence[str], rules: Sequence[str] = (*REQUIRED, *OTHERS)) -> None:
     """Write predicted and measured error times cost of maps of rules, and print how many pairs are in one order."""
+    load_plugin("objectives")
     rows: list[Mapping[str, object]] = [*read_rows(VALIDATED_CSV)]
     present = {(row["scene"], row["rule"]) for row in rows}
     named = {name: rule for text in rules for name, rule in rules_of(text).items()}

@@ -156,7 +156,7 @@ PIECES: tuple[Piece, ...] = (
         "make_simplex_table",
         ("measurements.md: simplex",),
         ("tables/simplex.csv",),
-        (*BY_BALANCE, "tt simplex", "teapot-area-light simplex"),
+        (*BY_BALANCE, "tt simplex", "teapot-area-light fixed"),
     ),
     Piece(
         "stability",

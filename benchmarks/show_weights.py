@@ -29,6 +29,7 @@ LITERATURE = {
     "Grittmann et al. 2019": "grittmann2019",
     "inverse second moments": "inverse-moments",
     "Grittmann et al. 2022 (shares)": "grittmann2022",
+    **{name: name for name in ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")},
 }
 """Rules of examples/literature, by their names in tables."""
 TILTS_OF_PATCHES = "best tilts"

@@ -1,6 +1,7 @@
 # Public names of dmis and their modules, one on each line: type checkers and dmis/__init__.py read them here.
 
 from dmis import plot as plot
+from dmis.base.plugins import load_plugin as load_plugin
 from dmis.bench.judge import score as score
 from dmis.bench.samples import samples as samples
 from dmis.brdf.materials import Material as Material
@@ -38,7 +39,11 @@ from dmis.experiment.oracle_renders import make_oracle as make_oracle
 from dmis.experiment.reference import Reference as Reference
 from dmis.experiment.reference import make_reference as make_reference
 from dmis.experiment.runs import measure as measure
+from dmis.fit.curve_minimum import PatchCurves as PatchCurves
+from dmis.fit.curve_minimum import guarded_argmin as guarded_argmin
 from dmis.fit.given import Given as Given
+from dmis.fit.pooled_rule import PooledRule as PooledRule
+from dmis.fit.pooling import pool as pool
 from dmis.fit.registry import make_rule as make_rule
 from dmis.fit.registry import register_rule as register_rule
 from dmis.fit.round import Fit as Fit
@@ -82,6 +87,7 @@ from dmis.testing.lobe import check_lobe as check_lobe
 from dmis.testing.rule import check_rule as check_rule
 from dmis.testing.sampler import check_sampler as check_sampler
 from dmis.testing.technique import check_technique as check_technique
+from dmis.variance.gather import Gather as Gather
 
 __version__: str
 __all__: list[str]

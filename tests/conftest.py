@@ -11,10 +11,11 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import trimesh
-from helpers import registries_kept
+from helpers import load_literature, registries_kept
 
 import dmis
 from dmis import intersect
@@ -83,6 +84,12 @@ def alone(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFact
         yield
     for name in [name for name in sys.modules if name.startswith("my_")]:
         del sys.modules[name]
+
+
+@pytest.fixture
+def literature() -> SimpleNamespace:
+    """The modules of examples/literature, loaded as plug-ins."""
+    return load_literature()
 
 
 @pytest.fixture

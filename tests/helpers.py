@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import scipy.stats
 
+import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import Material
@@ -49,13 +50,28 @@ Z_LIMIT = float(scipy.stats.norm.isf(LEVEL / 2))
 """Two-sided limit of a normal deviate at `LEVEL`, 4.4."""
 
 
+LITERATURE = Path(__file__).parents[1] / "examples" / "literature"
+"""Folder of the plug-ins with rules of papers."""
+
+
+def load_literature(*stems: str) -> SimpleNamespace:
+    """Load plug-ins of `LITERATURE`, all by default, and return the modules of its files by name."""
+    for stem in stems or [path.stem for path in LITERATURE.glob("*.py")]:
+        dmis.load_plugin(stem)
+    return SimpleNamespace(**{path.stem: sys.modules.get(path.stem) for path in LITERATURE.glob("*.py")})
+
+
 @contextmanager
 def registries_kept() -> Iterator[None]:
-    """Take back the rules, techniques, samplers and heuristics that are registered within."""
+    """Take back the rules, techniques, samplers and heuristics that are registered within, and forget `LITERATURE`."""
     tables = [(table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS, COMBINERS)]
+    loaded = set(sys.modules)
     try:
         yield
     finally:
+        for path in LITERATURE.glob("*.py"):
+            if path.stem not in loaded:
+                sys.modules.pop(path.stem, None)
         for table, known in tables:
             table.clear()
             table.update(known)  # type: ignore[arg-type]

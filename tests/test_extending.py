@@ -65,9 +65,10 @@ def test_technique() -> None:
     exec(code, {})
     scene = shipped("teapot-area-light", (48, 36))
     balance = dmis.render(scene, "balance", 64, seed=1)
-    shares = ("light=0.5,cosine=0.5", "light=0.2,brdf=0.3,cosine=0.5", "light+brdf+cosine")
-    for k, share in enumerate(shares):
-        result = dmis.render(scene, f"simplex:{share}", 64, seed=k + 2)
+    dmis.load_plugin("simplex")
+    rules = ("fixed:light=0.5,cosine=0.5", "fixed:light=0.2,brdf=0.3,cosine=0.5", "simplex:light+brdf+cosine")
+    for k, rule in enumerate(rules):
+        result = dmis.render(scene, rule, 64, seed=k + 2)
         assert result.rays["cosine"] > 0
         assert abs(results_z(result, balance)) < Z_LIMIT
 
@@ -92,10 +93,10 @@ def test_technique_on_the_command_line(tmp_path: Path) -> None:
     path = tmp_path / "my_cosine.py"
     path.write_text(block("A technique"), "utf-8")
     small = ["teapot-area-light", "--resolution", "16x12", "--spp", "4", "--plugin", str(path), "--quiet"]
-    assert main(["render", *small, "--rule", "simplex:light=0.5,cosine=0.5", "-o", str(tmp_path / "a.exr")]) == 0
+    assert main(["render", *small, "--rule", "fixed:light=0.5,cosine=0.5", "-o", str(tmp_path / "a.exr")]) == 0
     options = ["--seeds", "2", "--reference-spp", "4", "-o", str(tmp_path / "out")]
-    assert main(["compare", *small, "--rules", "simplex:light=0.5,cosine=0.5", *options]) == 0
-    assert "simplex:light=0.5,cosine=0.5" in (tmp_path / "out" / "results.csv").read_text("utf-8")
+    assert main(["compare", *small, "--rules", "fixed:light=0.5,cosine=0.5", *options]) == 0
+    assert "fixed:light=0.5,cosine=0.5" in (tmp_path / "out" / "results.csv").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
@@ -265,7 +266,7 @@ def test_sampler_on_the_command_line(tmp_path: Path, capsys) -> None:
     ("heading", "rule", "options", "changed"),
     [
         ("A sampler", "balance", {"sampler": "r2"}, "sampler r2"),
-        ("A technique", "simplex:light=0.5,cosine=0.5", {}, "technique cosine"),
+        ("A technique", "fixed:light=0.5,cosine=0.5", {}, "technique cosine"),
     ],
 )
 def test_edited_code_is_refused(heading: str, rule: str, options: dict, changed: str, box, tmp_path: Path) -> None:

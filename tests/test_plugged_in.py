@@ -205,7 +205,7 @@ def render(kind: str, method: str, change: Callable[..., Any], **options: Any) -
     elif kind == "technique":
         functions = {"sample": BRDF.sample, "pdf": BRDF.pdf, method: Faulty(getattr(BRDF, method), change)}
         dmis.register_technique(dmis.Technique("mine", "mine", **functions))
-        rule = "simplex:light=0.5,mine=0.5"
+        rule = "fixed:light=0.5,mine=0.5"
     elif kind == "heuristic":
         heuristic = Faulty(balance)
         heuristic.__qualname__ = "mine"  # type: ignore[attr-defined]
@@ -286,7 +286,7 @@ def test_planted_in_processes(tmp_path: Path) -> None:
             (None, "balance", {"sampler": "points"}, r"^Points.draw must be of shape \(2, N\)"),
             (
                 None,
-                "simplex:light=0.5,zero=0.5",
+                "fixed:light=0.5,zero=0.5",
                 {},
                 r"^pdf of technique zero: pdf raised .* \(my_faults.py, line 19\)",
             ),

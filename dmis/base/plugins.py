@@ -27,6 +27,8 @@ T = TypeVar("T")
 
 _LOADED: list[Path] = []
 """Files of the plugins that were loaded."""
+_SHIPPED = tuple(Path(__file__).parents[k] / folder / "literature" for k, folder in ((1, "_examples"), (2, "examples")))
+"""Folders of the plugins that come with dmis, of a wheel and of a checkout."""
 
 
 def loaded_plugins() -> tuple[Path, ...]:
@@ -37,6 +39,11 @@ def loaded_plugins() -> tuple[Path, ...]:
 def load_plugin(file: str | os.PathLike[str]) -> None:
     """Import a Python file as a module of its name; a file that was loaded before is not loaded again.
 
+    Parameters
+    ----------
+    file
+        The file, or the name of one of examples/literature, such as ``simplex``.
+
     Raises
     ------
     FileNotFoundError
@@ -44,7 +51,8 @@ def load_plugin(file: str | os.PathLike[str]) -> None:
     ValueError
         If its name is that of another module, or it raises an exception; the message has the file and the line.
     """
-    path = Path(file).resolve()
+    shipped = (folder / f"{file}.py" for folder in _SHIPPED)
+    path = next((path for path in shipped if path.is_file()), Path(file)).resolve()
     if path in _LOADED:
         return
     if not path.is_file():

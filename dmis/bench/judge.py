@@ -18,7 +18,6 @@ from dmis.bench.decide import SETTINGS, SPP, AnyRule, decide
 from dmis.bench.samples import SampleTable
 from dmis.experiment.metrics import mean_and_error
 from dmis.experiment.oracle import HARM_LIMIT, Oracle
-from dmis.fit.objectives import OBJECTIVE_NAMES
 from dmis.fit.round import Budget, Fit, Round
 from dmis.fit.rule import rule_text
 
@@ -40,8 +39,7 @@ def random_shares(tables: Mapping[float, SampleTable]) -> Array:
 BASELINES: Mapping[str, AnyRule] = {
     "balance": "balance", "power, 1 + 1": "pbrt", "light only": "fixed:1", "BRDF only": "fixed:0",
     "random": random_shares, "thesis": "thesis", "thesis, shares": "thesis:weigh=samples",
-    **{name: name for name in ("second-moment", *OBJECTIVE_NAMES)},
-    "shares of auto": "auto", "oracle": "oracle", "oracle, samples": "oracle-samples",
+    "second-moment": "second-moment", "shares of auto": "auto", "oracle": "oracle", "oracle, samples": "oracle-samples",
 }  # fmt: skip
 """Rules of the table of results, by their names there."""
 

@@ -12,13 +12,12 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import EQUAL, FIRST, SAMPLES_OF, SHARE_OF, SHARES
+from dmis.estimator.technique import SHADING as SHADING
 from dmis.estimator.technique import Technique, technique_by_name
 
-CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
-"""A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
-RESAMPLED = 2.3
-"""A resampled sample (`dmis.estimator.resampling`) before its ray: 2.3 on the teapot, 1.8 and 1.9 on the killeroos,
-3.6 on tt, whose candidates look up a sky; where all samples are resampled, in large batches, half as much.
+CAMERA, RAY = 1.0, 0.4
+"""A camera ray with its surface point; an occlusion ray. A shading sample before its ray is `SHADING`, or the
+`dmis.estimator.technique.Technique.cost` of another technique. Relative units.
 """
 UNTRACED = "untraced"
 """Beside the kinds of rays: camera samples of pixels that no triangle covers, for which no ray is traced."""
@@ -63,9 +62,7 @@ def camera_sample_cost(
     per_technique = camera * points * pilot_samples / len(techniques)  # samples of each technique
     mixed: Array | float = 0
     for share, technique in zip(shares, map(technique_by_name, techniques), strict=True):
-        mixed = mixed + share * (
-            (SHADING if technique.exact else RESAMPLED) * lights + RAY * rays.get(technique.rays, 0) / per_technique
-        )
+        mixed = mixed + share * (technique.cost * lights + RAY * rays.get(technique.rays, 0) / per_technique)
     always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
     return np.asarray(always + points * shading_samples * mixed)
 

@@ -2,7 +2,7 @@
 
 Each technique is a pair of functions with the same leading arguments: ``sample`` picks directions at surface points and
 returns their light samples; ``pdf`` is the density, per solid angle, with which it would pick given directions,
-or, where that is not known, what stands in for it in MIS weights (`dmis.estimator.resampling`).
+or, where that is not known, what stands in for it in MIS weights (examples/literature/resampled.py).
 Two techniques or more are mixed in `dmis.estimator.direct`; anything that has these two functions can be one of them.
 """
 
@@ -14,15 +14,17 @@ from typing import Any
 
 from dmis.base.plugins import guarded, is_shipped
 from dmis.base.registry import Registry
-from dmis.base.validate import check_array, whole
+from dmis.base.validate import check_array, number, whole
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
-from dmis.estimator.resampling import resampled
 from dmis.light.light import SampledLight as SampledLight
 from dmis.light.light import check_light_sample
 from dmis.light.light_sample import LightSample
 from dmis.samplers.warp import TWO_PI, square_to_hemisphere, to_world
 from dmis.scene.shading_points import ShadingPoints
+
+SHADING = 0.25
+"""Cost of a light or BRDF sample before its ray."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Technique:
         How many uniform numbers a sample needs, 2 to 4.
     exact
         Whether `pdf` is the density of `sample`, and no stand-in.
+    cost
+        Cost of a sample before its ray, in the units of `dmis.estimator.cost`.
     """
 
     name: str
@@ -55,6 +59,7 @@ class Technique:
     pdf: Callable[[ShadingPoints, Directions, Array], Array]
     numbers: int = 2
     exact: bool = True
+    cost: float = SHADING
 
     def __reduce__(self) -> Any:
         """Return what is pickled: the name of a registered technique; of others, the functions and what they hold."""
@@ -81,10 +86,9 @@ UNIFORM = Technique(
     lambda surface, light, u: light.hit(surface.p, to_world(square_to_hemisphere(u), surface.n)),
     lambda surface, directions, light_pdf: directions.above / TWO_PI,
 )
-RESAMPLED = Technique("resampled", "resampled", resampled, LIGHT.pdf, numbers=3, exact=False)
 TECHNIQUES: Registry[Technique] = Registry(
     "technique",
-    {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)},
+    {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM)},
     source=lambda technique: technique.sample,
 )
 """Techniques by name. `UNIFORM`, of equal density over the hemisphere, is for teaching."""
@@ -122,6 +126,7 @@ def check_technique_form(technique: Technique) -> None:
             f"one of {', '.join(taken)}, nor one that begins with bounce; got {rays!r}"
         )
     whole(f"numbers of technique {name}", technique.numbers, 2, 4)
+    number(f"cost of technique {name}", technique.cost, 0)
 
 
 def checked_technique(technique: Technique) -> Technique:

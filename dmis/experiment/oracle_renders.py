@@ -122,7 +122,7 @@ class _CurveMaps(SecondMoment):
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return equal shares, and the means over patches of the parts of the curves."""
-        means, _ = self._pool(pilot[0.5])
+        means, _ = self.pooled(pilot[0.5])
         return Fit(0.5, {name: means[name] for name in _CURVE_PARTS})
 
 
@@ -133,7 +133,7 @@ class _TiltMaps(_CurveMaps):
     def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
         """Yield camera samples of the balance heuristic, without pairs, and a final pass."""
         film = yield replace(budget.pilot(0.5, self.spp), statistic=TiltCurves)
-        variance = self._pool(film)[0]["curve"]
+        variance = self.pooled(film)[0]["curve"]
         parts = {"pattern": np.zeros_like(variance), "position": np.zeros_like(variance[0])}
         yield budget.final(Fit(0.5, {"curve": variance, **parts}), self.spp)
 
@@ -193,7 +193,7 @@ class _PatchMaps(SecondMoment):
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return equal shares, and the maps."""
-        return Fit(0.5, self._pool(pilot[0.5])[0])
+        return Fit(0.5, self.pooled(pilot[0.5])[0])
 
 
 class _PixelSums(Curves):

@@ -1,7 +1,8 @@
-"""Options and steps that rules share if they pool a pilot's statistics over patches and minimise variance and cost."""
+"""The base class of rules that learn shares from one pilot, whose statistics are pooled over patches."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps
 from dmis.fit.pooling import pool
-from dmis.fit.round import Pilot
+from dmis.fit.round import Pilot, Weight
 from dmis.fit.rule import OptionRule
 
 
@@ -20,12 +21,16 @@ from dmis.fit.rule import OptionRule
 class PooledRule(OptionRule):
     """Base class of rules that average a pilot's statistics over patches, filter them and minimise on each patch.
 
+    A rule names its `statistic`, such as a `dmis.variance.gather.Gather`, and its `fit` takes the means of patches from
+    `pooled` and the cost of a camera sample from `sample_cost`. Statistics are shared between neighbours, decisions are
+    not: each patch takes its own minimum.
+
     Parameters
     ----------
     patch
         Side of a patch in pixels, a multiple of 4.
     spp
-        Samples of the pilot.
+        Samples of the pilot at w = 1/2: an even number of at least 4, see `dmis.fit.round.pilot_settings`.
     filter
         Of the statistics: ``gaussian`` or ``none``; or ``joint``, a Gaussian among neighbours that look alike
         (`dmis.filter.joint`, `dmis.scene.feature_buffers`).
@@ -57,7 +62,14 @@ class PooledRule(OptionRule):
     sampler: str | None = None
     compensation: float | None = None
 
+    shares_only = True
+
     def __post_init__(self) -> None:
+        if self.spp < 4 or self.spp % 2:
+            raise ValueError(
+                f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
+                f"twice the shading samples; got {self.spp}"
+            )
         if not PATCH <= self.patch <= 65536 or self.patch % PATCH:
             raise ValueError(
                 f"patch must be a multiple of {PATCH} pixels, in which curves are kept, of at most 65536; got "
@@ -73,14 +85,18 @@ class PooledRule(OptionRule):
         """Whether the filter compares feature buffers."""
         return self.filter == "joint"
 
-    def _pool(self, pilot: Pilot) -> tuple[dict[str, Array], Array]:
+    @property
+    def pilot(self) -> Mapping[Weight, int]:
+        return {0.5: self.spp}
+
+    def pooled(self, pilot: Pilot) -> tuple[dict[str, Array], Array]:
         """Return the means of the pilot's sums over patches, filtered, and the effective number of pixels of each."""
         sigma = None if self.filter == "none" else self.sigma
         shape = pilot.moments.mean.shape[:2]
         features = pilot.features if self.needs_features else None
         return pool(pilot.sums, shape, self.patch, sigma, self.size // 2, features)
 
-    def _cost(self, pilot: Pilot, shares: Array) -> Array:
+    def sample_cost(self, pilot: Pilot, shares: Array) -> Array:
         """Return the cost of a camera sample at `shares` ``(K, G)`` of the techniques, ``(G,)``; 1 if none counts."""
         if not self.cost:
             return np.ones(shares.shape[1])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 import reprlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from functools import partial
 from inspect import signature
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from dmis.base.plugins import loaded_plugins, raised
 from dmis.base.registry import Registry
@@ -16,10 +16,8 @@ from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.auto import Auto
 from dmis.fit.fixed import Fixed
-from dmis.fit.objectives import OBJECTIVE_NAMES
 from dmis.fit.rule import Rule, check_form
 from dmis.fit.second_moment import SecondMoment
-from dmis.fit.simplex import Simplex
 from dmis.fit.thesis import Thesis
 
 RULES: Registry[Callable[..., Rule]] = Registry(
@@ -30,10 +28,8 @@ RULES: Registry[Callable[..., Rule]] = Registry(
         "pbrt": partial(Fixed, 0.5, combiner="power"),
         "one-sample": partial(Fixed, allocation="random"),
         "uniform": partial(Fixed, 1.0, techniques=("uniform", "brdf")),
-        "resampled": partial(Fixed, techniques=("resampled", "brdf")),
         "thesis": Thesis,
-        **{name: partial(SecondMoment, name) for name in ("second-moment", *OBJECTIVE_NAMES)},
-        "simplex": Simplex,
+        "second-moment": SecondMoment,
         "counts": partial(Auto, False),
         "auto": Auto,
     },
@@ -46,14 +42,6 @@ _ABOUT = {
     "pbrt": "Take one light and one BRDF sample, weighed by the power heuristic.",
     "one-sample": "Choose a technique at random for each sample: light sampling with probability w.",
     "uniform": "Sample the hemisphere uniformly in place of the lights, for teaching.",
-    "resampled": "Resample light samples in proportion to what they add (RIS), in place of light sampling.",
-    "second-moment": "Choose shares per patch of least variance times cost, by curves V(w) from a pilot at w = 1/2.",
-    "taylor": "Choose shares by one Newton step of the second moment from w = 1/2: Lu et al. 2013.",
-    "inverse-variance": "Choose shares in proportion to 1 / variance of each technique alone: Havran and Sbert 2014.",
-    "neyman": "Choose shares in proportion to the deviations of weighed contributions: Neyman 1934, Sbert et al. 2016.",
-    "representativity": "Choose shares by how evenly f / p of each technique is spread: Pajot et al. 2011.",
-    "kl": "Choose shares that minimise the Kullback-Leibler divergence of f and the mixture: Sbert et al.",
-    "tsallis": "Choose shares that minimise the divergence of order gamma of f and the mixture: Sbert et al.",
     "counts": "Choose numbers of camera samples per pixel from a first round, with equal shares.",
 }
 """What the rules do that share a class with others."""
@@ -97,9 +85,9 @@ def register_rule(name: str, cls: Callable[..., Rule]) -> None:
 
 
 def make_rule(rule: Rule | str) -> Rule:
-    """Return a rule from its text: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
+    """Return a rule from its text: ``thesis:patch=16,filter=none``, ``fixed:light=0.5,brdf=0.3,uniform=0.2``.
 
-    A bare value is the rule's first option.
+    A bare value is the rule's first option, as in ``fixed:0.25``.
 
     Parameters
     ----------
@@ -122,14 +110,12 @@ def make_rule(rule: Rule | str) -> Rule:
     if not isinstance(rule, str):
         return _check_object(rule)
     name, _, rest = rule.strip().partition(":")
+    if name == "simplex" and "=" in rest and rest.partition("=")[0] in TECHNIQUES:
+        raise ValueError(f"shares of techniques are given by the rule fixed; got {rule!r}. Write fixed:{rest}")
     if name not in RULES:
         raise _no_such_rule(name)
     options = _read_options(name, rest) if rest else {}
-    if name == "simplex" and TECHNIQUES.keys() & options.keys():
-        return _given_shares(options)
-    if name == "fixed" and "w" not in options:
-        raise ValueError("rule fixed needs the share of light samples, such as fixed:0.5; got none")
-    return RULES[name](**options)  # a rule, as `register_rule` has checked
+    return _fixed(options) if name == "fixed" else RULES[name](**options)  # a rule, as `register_rule` has checked
 
 
 def _check_object(rule: Any) -> Rule:
@@ -160,17 +146,18 @@ def _no_such_rule(name: str) -> ValueError:
     return RULES.unknown(name, ", and options behind a colon, as in thesis:patch=4", f"{hint} {how}")
 
 
-def _given_shares(options: dict[str, Any]) -> Rule:
-    """Return the rule ``simplex`` with the shares of techniques that are given."""
+def _fixed(options: dict[str, Any]) -> Rule:
+    """Return the rule ``fixed`` of the share of light samples, or of a share of each technique."""
     shares = {name: options.pop(name) for name in tuple(options) if name in TECHNIQUES}
-    allowed = ("combiner", "sampler", "compensation")
-    if wrong := options.keys() - set(allowed):
+    if ("w" in options) == bool(shares):
         raise ValueError(
-            f"rule simplex with shares that are given has the options {', '.join(allowed)}; got "
-            f"{', '.join(sorted(wrong))}"
+            f"rule fixed needs the share of light samples, such as fixed:0.5, or else shares of techniques, such as "
+            f"fixed:light=0.5,brdf=0.3,uniform=0.2; got {'both' if shares else 'none'}"
         )
+    if not shares:
+        return Fixed(**options)
     if len(shares) < 2:
-        raise ValueError(f"rule simplex needs shares of at least two techniques; got {', '.join(shares)}")
+        raise ValueError(f"rule fixed needs shares of at least two techniques; got {', '.join(shares)}")
     w = tuple(shares.values())
     rule = Fixed(w, techniques=tuple(shares), **options)
     return rule if len(w) > 2 else replace(rule, w=w[0])
@@ -193,13 +180,17 @@ def _options(name: str) -> dict[str, list[Any]]:
 
     They are the arguments whose default can be text. Where this is None, the type is that of the annotation.
     """
+    made = RULES[name]
+    function: Any = made.func if isinstance(made, partial) else made
+    plain_class = isinstance(function, type) and not is_dataclass(function)
     try:
-        parameters = signature(RULES[name], eval_str=True).parameters
+        # of a dataclass those of its fields, each by the module of its class
+        hints = get_type_hints(function.__init__ if plain_class else function)
     except (NameError, AttributeError, TypeError):  # annotations that only type checkers understand
-        parameters = signature(RULES[name]).parameters
+        hints = {}
     options = {}
-    for key, p in parameters.items():
-        kinds = get_args(p.annotation)  # of ``int | Literal["auto"]`` or ``float | None``
+    for key, p in signature(made).parameters.items():
+        kinds = get_args(hints.get(key, p.annotation))  # of ``int | Literal["auto"]`` or ``float | None``
         kind = type(p.default) if p.default is not None else next((k for k in kinds if k in _READERS), None)
         if kind in _READERS:
             options[key] = [kind, *(word for k in kinds if get_origin(k) is Literal for word in get_args(k))]
@@ -209,7 +200,7 @@ def _options(name: str) -> dict[str, list[Any]]:
 def _read_options(name: str, text: str) -> dict[str, Any]:
     """Return the values of a rule's options from ``option=value,option=value``."""
     own = _options(name)
-    options = own | ({key: [float] for key in TECHNIQUES} if name == "simplex" else {})
+    options = own | ({key: [float] for key in TECHNIQUES} if name == "fixed" else {})
     values: dict[str, Any] = {}
     for item in filter(None, text.split(",")):
         key, equals, value = item.partition("=")

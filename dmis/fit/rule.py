@@ -44,7 +44,7 @@ class Rule:
         Whether the pilot brings feature buffers, see `dmis.scene.feature_buffers`: True, of patches; or ``"pixels"``.
         Default: False.
     multi_technique
-        Whether the rule divides samples between any number of techniques, as `dmis.fit.simplex.Simplex` does; then
+        Whether the rule divides samples between any number of techniques, as examples/literature/simplex.py does; then
         the statistic does without their densities. Default: False, two techniques.
     shares_only
         Whether the fit decides shares alone, and no numbers of samples. Then the pilot is left out of scenes with
@@ -226,7 +226,7 @@ def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
     option = OPTIONS.get(name, name)
     if option == "techniques" and hasattr(rule, option):
         shares = ",".join(f"{name}={1 / len(value):.3g}" for name in value)
-        return f'Write rule="simplex:{shares}" with your shares, or rule="simplex:{"+".join(value)}" to learn them'
+        return f'Write rule="fixed:{shares}" with your shares'
     if not hasattr(rule, option):
         return f"The rule has no option {option}: leave {name} out of the settings, or use another rule"
     if "(" in text:
@@ -252,7 +252,7 @@ def check_settings(rule: Rule, text: str, settings: Settings) -> None:
     if len(names) > 2 and not rule.multi_technique:
         raise ValueError(
             f"rule {text} needs two techniques; got {len(names)}: {', '.join(names)}. "
-            f"Use rule simplex:{'+'.join(names)}"
+            f"Use rule fixed:{'=...,'.join(names)}=... with a share of each"
         )
     if rule.statistic is None:
         return

@@ -100,7 +100,7 @@ def _check_renders(technique: Technique, floor: Mesh) -> str:
                 continue  # light or brdf itself
             w = tuple(shares.values())
             text = ",".join(f"{key}={share:g}" for key, share in shares.items())
-            rules.append((f"simplex:{text}", Fixed(w if len(w) > 2 else w[0], techniques=tuple(shares))))
+            rules.append((f"fixed:{text}", Fixed(w if len(w) > 2 else w[0], techniques=tuple(shares))))
         advice = f"sample or pdf of {name}: light and BRDF samples alone have another mean"
         scene = box_scene(_GLOSSY, (ABOVE, _SKY), floor=floor)
         return compare_means(scene, rules, z_limit(LEVEL), advice)

@@ -117,11 +117,11 @@ class Curves:
             # M2(w) and E_y[D^2], summed over the lights
             second_moments, differences = zip(*(light.moments(w) for light in lights), strict=True)
             second[g] = sum(second_moments)
-            squared[g] = sum(_mean_square(d, count) for d in differences)
+            squared[g] = sum(mean_square(d, count) for d in differences)
             # Var_y(D) = E_y[D^2] - E_y[D]^2, where D is that of all lights together
             total = sum(differences[1:], differences[0])
-            pattern[g] = squared[g] if len(lights) == 1 else _mean_square(total, count)
-            pattern[g] -= _squared_mean(total, count)
+            pattern[g] = squared[g] if len(lights) == 1 else mean_square(total, count)
+            pattern[g] -= squared_mean(total, count)
         # E_y[M2 - I^2 - w (1 - w) D^2] / S
         self._second[:, pixels] += scale / self._s * second
         self._curve[:, pixels] += scale / self._s * (second - radiance_2 - self._w_times_rest * squared)
@@ -228,7 +228,7 @@ class _SamplesTowardsLight:
         self._x_2 = x * x
         self._x_d = x * d
         # I(y) is estimated by the mean X of a pair
-        self.radiance_2 = _mean_square(x.mean(axis=1), count)
+        self.radiance_2 = mean_square(x.mean(axis=1), count)
         if combiner.heuristic is not balance:
             # r_l = p_l / q = 1 + d,  r_b = p_b / q = 1 - d
             r_l, r_b = (np.maximum(r, MIN_DENSITY_RATIO) for r in (1 + d, 1 - d))
@@ -248,7 +248,7 @@ class _SamplesTowardsLight:
         """Return the variance at y of a shading sample of the pilot, balance at w = 1/2, ``(P,)``."""
         # M2 - I^2 - w (1 - w) D^2 at w = 1/2
         second, difference = self._balance_moments(0.5)
-        return np.asarray(second - self.radiance_2 - _mean_square(difference, self._count) / 4, np.float64)
+        return np.asarray(second - self.radiance_2 - mean_square(difference, self._count) / 4, np.float64)
 
     def moments(self, w: float) -> tuple[Array, Array]:
         """Return M2 and D of the heuristic at w, between 0 and 1."""
@@ -295,18 +295,12 @@ def _mean(values: Array, count: int) -> Array:
     return np.asarray(np.add.reduce(rows, axis=0) / np.float32(len(rows)))
 
 
-def variance_over_y(difference: Array, count: int) -> Array:
-    """Return Var_y(D), ``(P,)``, from the D of independent pairs ``(S / 2, N)``."""
-    # Var_y(D) = E_y[D^2] - E_y[D]^2
-    return _mean_square(difference, count) - _squared_mean(difference, count)
-
-
-def _mean_square(pairs: Array, count: int) -> Array:
+def mean_square(pairs: Array, count: int) -> Array:
     """Return E_y[D^2] of each pixel, ``(P,)``, where independent pairs ``(S / 2, N)`` estimate D at y."""
     return np.asarray(np.add.reduce(product_of_halves(pairs).reshape(count, -1), axis=0) / np.float32(count))
 
 
-def _squared_mean(pairs: Array, count: int) -> Array:
+def squared_mean(pairs: Array, count: int) -> Array:
     """Return E_y[D]^2 of each pixel, ``(P,)``, from products of different camera samples."""
     # sum over i != j of D_i D_j = (sum_i D_i)^2 - sum_i D_i^2
     at_y = np.add.reduce(pairs, axis=0).reshape(count, -1)

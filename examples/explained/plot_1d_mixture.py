@@ -11,9 +11,9 @@ calls the renderer's code; only the integrand is new.
 
 import numpy as np
 
+import dmis
 from dmis.estimator.records import Record
 from dmis.examples.gallery import options, print_canvas
-from dmis.fit.objectives import OBJECTIVE_NAMES, Gather, objective
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, Curves
 
@@ -119,19 +119,31 @@ vertex = float(parabola_minimum(shares, points)[0])
 
 
 # %%
-# Let the rules of the literature learn from the same pilot.
+# Let the rules of the literature learn from the same pilot: they come with a plug-in.
+dmis.load_plugin("objectives")
+RELATIVES = (
+    "taylor",
+    "inverse-variance",
+    "neyman",
+    "representativity",
+    "kl",
+    "tsallis",
+)
+
+
 def relative(name):
-    """Return the share that an objective gives, and the variance there."""
-    statistic = Gather(objective(name), PIXELS, 4)
+    """Return the share that a rule learns."""
+    rule = dmis.make_rule(name)
+    statistic = rule.statistic(PIXELS, 4)
     statistic.add(records, radiance, SPP)
     means = statistic.sums()["values"].mean(axis=-1)[..., None, None]
-    return float(np.clip(objective(name).solve(means, (1.0, 1.0)), 0, 1)[0, 0])
+    return float(np.clip(rule.solve(means, (1.0, 1.0)), 0, 1)[0, 0])
 
 
 answers = {
     "second-moment": float(learned),
     "thesis": vertex,
-    **{name: relative(name) for name in OBJECTIVE_NAMES},
+    **{name: relative(name) for name in RELATIVES},
 }
 print(
     f"best w = {best:.2f}, variance {truth.min():.4f}; at w = 1/2: {variance(0.5):.4f}"

@@ -6,15 +6,18 @@ Three techniques have three shares whose sum is 1: a point in a triangle. Here t
 integrand is a mixture of the three densities with known shares. At these shares every
 sample has the same value, and the variance is 0. The figure shows the variance around
 this point, and whether one pilot at equal shares finds it. The script calls the code of
-the renderer's rule ``simplex``; only the integrand is new.
+the rule ``simplex``, a plug-in; only the integrand is new.
 """
 
 import numpy as np
 
+import dmis
 from dmis.estimator.mis import balance
 from dmis.estimator.records import Record
 from dmis.examples.gallery import options, print_canvas
-from dmis.variance.simplex_curves import SimplexCurves, grid
+
+dmis.load_plugin("simplex")
+from simplex import SimplexCurves, grid
 
 opts, _ = options("plot_1d_simplex", __doc__)
 rng = np.random.default_rng(1)

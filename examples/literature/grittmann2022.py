@@ -19,7 +19,6 @@ import dmis
 from dmis.base.patches import PATCH, patch_spread
 from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import gaussian
-from dmis.fit.objectives import Gather, Objective
 from dmis.variance.curves import GRID
 
 SHARES = GRID[1:-1]
@@ -32,7 +31,7 @@ def second_moments(x, d):
 
 class Grittmann2022(dmis.Rule):
     shares_only = True
-    statistic = partial(Gather, Objective(second_moments, lambda means, cost: means))
+    statistic = partial(dmis.Gather, second_moments)
 
     def __init__(self, spp=6, sigma=1.0):
         self.pilot = {0.5: spp}

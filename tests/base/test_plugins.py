@@ -58,7 +58,7 @@ dmis.register_technique(replace(LIGHT, name="again", rays="again"))
 def test_a_cluster_knows_what_a_plugin_registers(tmp_path: Path) -> None:
     """A technique is looked up by its name in each process."""
     out, plugin = str(tmp_path / "a.exr"), write(tmp_path, TECHNIQUE, "my_technique.py")
-    rule = ("--rule", "simplex:again=0.5,brdf=0.5", "--spp", "4", *SMALL, plugin)
+    rule = ("--rule", "fixed:again=0.5,brdf=0.5", "--spp", "4", *SMALL, plugin)
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as local:
         assert main(["render", "teapot-area-light", "-o", out, "--cluster", local.scheduler_address, *rule]) == 0

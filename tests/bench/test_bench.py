@@ -141,7 +141,7 @@ def with_films(rule: dmis.Rule, films: list[Pilot]) -> dmis.Rule:
 
 @pytest.mark.parametrize(
     ("rule", "spp", "shading_samples"),
-    [(SecondMoment(), 3, 4), (SecondMoment("neyman"), 3, 4), (Tilted(), 2, 2)],
+    [(SecondMoment(), 3, 4), (Tilted(), 2, 2)],
 )
 def test_films_are_those_of_the_pilot(rule: dmis.Rule, spp: int, shading_samples: int) -> None:
     """From the samples of a pilot, a rule gets the film that the render of the pilot makes."""
@@ -571,7 +571,7 @@ class Unfinished(dmis.Rule):
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        ("simplex", "scores fixed shares of light and BRDF sampling"),
+        ("fixed:light=0.5,brdf=0.3,uniform=0.2", "scores fixed shares of light and BRDF sampling"),
         ("one-sample:0.5", "has random shares of light and brdf"),
         ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),

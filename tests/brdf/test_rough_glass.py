@@ -66,11 +66,10 @@ def balanced() -> tuple[Scene, Array]:
         "auto",
         "second-moment",
         "thesis:patch=4",
-        "neyman",
         "second-moment:combiner=optimal",
         "fixed:0.3,combiner=power",
         "fixed:0.3,sampler=sobol",
-        "simplex:mix=light+brdf+resampled",
+        "fixed:light=0.3,brdf=0.4,uniform=0.3",
     ],
 )
 def test_rules_are_unbiased(rule: str, balanced: tuple[Scene, Array]) -> None:

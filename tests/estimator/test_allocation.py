@@ -11,7 +11,6 @@ from dmis.estimator.records import Record
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Independent, Numbers
 from dmis.testing.statistics import chi2_p
-from dmis.variance.simplex_curves import rounding_covariance
 
 PIXELS = 12
 UNEVEN = np.random.default_rng(3).integers(1, 40, PIXELS)
@@ -198,13 +197,3 @@ def test_whole_shares_are_numbers() -> None:
     assert divide(np.array([[0.5], [0.25], [0.25]]), 4, 0, 4, np.zeros((2, 5))).of_technique == (2, 1, 1)
     only_first = np.array([[1.0], [0.0], [0.0]])
     assert divide(only_first, 2, 0, 4, np.zeros((2, 5)), np.random.default_rng(1)).of_technique == (2, 0, 0)
-
-
-@each_shares
-@pytest.mark.parametrize("shading_samples", [2, 3])
-def test_covariance_of_rounding(w: tuple[float, ...], shading_samples: int) -> None:
-    """`rounding_covariance` is the covariance of the counts of a camera sample, in the middle of its pixel."""
-    offset = np.random.default_rng(16).random((len(w) - 1, 100_000))
-    counts = divide(np.repeat(np.array(w)[:, None], 100_000, axis=1), shading_samples, 5, 1, offset)
-    found = np.cov(counts.of_technique) / shading_samples**2
-    np.testing.assert_allclose(found, rounding_covariance(w, shading_samples), atol=2e-3)

@@ -107,10 +107,6 @@ WAYS = {
     "low discrepancy, three samples": {"sampler": "lowdiscrepancy", "shading_samples": 3},
     "uniform and brdf": {"techniques": ("uniform", "brdf")},
     "light and uniform": {"techniques": ("light", "uniform")},
-    "resampled and brdf": {"techniques": ("resampled", "brdf")},
-    "resampled alone, sobol": {"techniques": ("resampled", "brdf"), "w": 1.0, "sampler": "sobol"},
-    "light and resampled, stratified": {"techniques": ("light", "resampled"), "w": 0.3, "sampler": "stratified"},
-    "resampled 3/4, power": {"techniques": ("brdf", "resampled"), "w": 0.25, "combiner": "power"},
 }
 
 

@@ -164,7 +164,7 @@ COLOURS = (0.6, (0.8, 0.3, 0.2), (0.2, 0.7, 0.3))
     "rule",
     [
         *("fixed:0.1", "pbrt", "thesis", "second-moment", "auto", "balance:sampler=lowdiscrepancy"),
-        *(pytest.param(rule, marks=pytest.mark.slow) for rule in ("fixed:1", "one-sample", "resampled", "neyman")),
+        *(pytest.param(rule, marks=pytest.mark.slow) for rule in ("fixed:1", "one-sample")),
     ],
 )
 def test_rules_agree(rule: str) -> None:
@@ -176,8 +176,7 @@ def test_rules_agree(rule: str) -> None:
 
 @pytest.mark.parametrize(
     "rule",
-    ["fixed:0", "fixed:1", "fixed:0.3", "balance", "pbrt", "one-sample", "resampled", "thesis", "representativity"]
-    + ["second-moment", "auto"],
+    ["fixed:0", "fixed:1", "fixed:0.3", "balance", "pbrt", "one-sample", "thesis", "second-moment", "auto"],
 )
 def test_furnace_of_an_emitting_sphere(rule: str) -> None:
     """Inside a wall that emits 1 and reflects a, the radiance is 1 + a + ... + a^D: every sample meets the light."""

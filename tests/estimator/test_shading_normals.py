@@ -16,7 +16,6 @@ from dmis.brdf.diffuse import LambertTransmission
 from dmis.brdf.materials import Material
 from dmis.brdf.specular import SpecularTransmission
 from dmis.estimator.path import scatter
-from dmis.estimator.resampling import resampled
 from dmis.light.delta import DistantLight
 from dmis.testing.scenes import FLOOR, TURNED, UNIFORM_SKY, box_scene, surface
 
@@ -24,7 +23,7 @@ SKY = dmis.EnvironmentLight(0.2 + np.random.default_rng(1).random((8, 16, 3)) **
 ROUGH = np.random.default_rng(2).random((16, 16, 1))
 LAMP = dmis.QuadLight((-3, -1, 0.5), (0, 0, 1), (0, 2, 0), (9, 8, 7))
 """A lamp beside the floor, low above it: much of it is between the two horizons."""
-TECHNIQUES = ("fixed:0", "fixed:0.5", "fixed:1", "uniform", "resampled")
+TECHNIQUES = ("fixed:0", "fixed:0.5", "fixed:1", "uniform")
 
 
 def ball(material: Material, level: int = 0) -> dmis.Part:
@@ -112,15 +111,3 @@ def test_delta_lobes_leave_on_their_side(degrees: float) -> None:
         points.cos_o = dot(points.n, points.wo)
         _, wi, factor = scatter(points, lobe := points.delta[0])
         assert (factor > 0).all() == ((wi[2, 0] < 0) == lobe.transmissive)
-
-
-def test_resampling_takes_no_candidate_between_the_horizons() -> None:
-    """It would reflect nothing: of the candidates in a lamp, some below the horizon, those chosen are above both."""
-    points = surface(dmis.matte(0.5), (0, 0, 1), 4096)
-    points.n = np.repeat(np.array([[np.sin(0.4)], [0], [np.cos(0.4)]], np.float32), 4096, axis=1)
-    points.cos_o = dot(points.n, points.wo)
-    lamp = dmis.QuadLight((-4, -1, 0.2), (0, 2, 0), (0, 0, 3), (1, 1, 1))
-    u = np.random.default_rng(4).random((3, 4096), dtype=np.float32)
-    assert 0.2 < points.same_side(lamp.sample(points.p, u[:2]).wi).mean() < 0.9
-    chosen = resampled(points, lamp, u)
-    assert chosen.emits.any() and points.same_side(chosen.wi)[chosen.emits].all()

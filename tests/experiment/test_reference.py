@@ -92,7 +92,7 @@ def test_settings_of_the_estimator_do_not_count(box, tmp_path):
     """Settings that do not change the expected image give the file of the default ones, even where auto lacks them."""
     made = dmis.make_reference(box, 16, folder=tmp_path)
     for options in (
-        {"preset": "thesis"}, {"shading_samples": 1}, {"combiner": "optimal"}, {"techniques": ("resampled", "brdf")},
+        {"preset": "thesis"}, {"shading_samples": 1}, {"combiner": "optimal"}, {"techniques": ("uniform", "brdf")},
         {"sampler": "independent"}, {"sampler": "sobol"},
     ):  # fmt: skip
         np.testing.assert_array_equal(dmis.make_reference(box, 16, folder=tmp_path, **options).first, made.first)

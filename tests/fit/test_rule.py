@@ -15,8 +15,8 @@ from dmis.fit.round import Budget, Pilot
 from dmis.fit.rule import rule_text
 from dmis.fit.thesis import Thesis
 from dmis.report.compare import compare, parse_rules
+from dmis.variance.curves import Curves
 from dmis.variance.moments import Moments
-from dmis.variance.simplex_curves import SimplexCurves
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,7 +42,7 @@ class NoFit(dmis.Rule):
     pass
 
 
-CURVES, SMOOTHED = ("second-moment", "simplex", "auto"), ("second-moment", "simplex", "thesis")
+CURVES, SMOOTHED = ("second-moment", "auto"), ("second-moment", "thesis")
 
 
 def test_only_fit_must_be_given(box: dmis.Scene) -> None:
@@ -60,7 +60,7 @@ def test_rounds_of_a_budget() -> None:
     """6 pilot samples of three techniques are 2 with 6 shading samples each; decisions depend on seed and round."""
     settings = dmis.Settings(techniques=("light", "brdf", "uniform"), reuse_pilot=True)
     budgets = [Budget(16, (4, 4), settings, seed) for seed in (1, 2)]
-    pilot, final = budgets[0].pilot((1 / 3,) * 3, 6, SimplexCurves), budgets[0].final(dmis.Fit((1 / 3,) * 3), 6)
+    pilot, final = budgets[0].pilot((1 / 3,) * 3, 6, Curves), budgets[0].final(dmis.Fit((1 / 3,) * 3), 6)
     assert (pilot.spp, pilot.image_weight, pilot.settings.shading_samples) == (2, 2, 6)
     assert (final.spp, final.image_weight, final.settings.shading_samples) == (10, 10, 2)
     assert len({budget.generator(k).random() for budget in budgets for k in (0, 1)}) == 4
@@ -80,21 +80,16 @@ def test_rounds_of_a_budget() -> None:
         (["light"], "got 'light', did you mean 'fixed:1'?"),
         (["brdf"], "got 'brdf', did you mean 'fixed:0'?"),
         # no option
-        (["fixed", "fixed:combiner=power"], "rule fixed needs the share of light samples, such as fixed:0.5; got"),
-        (["fixed:patch=3"], "rule fixed has the options w, combiner, allocation, .*, weigh; got 'patch'"),
         (["balance:w=0.3", "fixed:techniques=a", "thesis:shape=3", "counts:weights=yes"], "has the options .*; got '"),
-        (["simplex:dark=0.5"], "rule simplex has the options .*; got 'dark'"),
-        (["simplex:light=0.5,brdf=0.5,patch=8"], "has the options combiner, sampler, compensation; got patch"),
         # no value of an option
         (["fixed:x"], "option w of rule fixed must be of type float; got 'x'"),
-        (["simplex:light=x,brdf=0.5"], "option light of rule simplex must be of type float"),
         (["thesis:patch=4.5", "thesis:patch=small"], "option patch of rule thesis must be of type int or auto; got '"),
         (["thesis:spp=auto"], "option spp of rule thesis must be of type int; got 'auto'"),
         (["thesis:reuse=maybe"], "option reuse of rule thesis must be yes or no; got 'maybe'"),
         # one that is out of range
         (["fixed:1.5", "fixed:nan"], "w must be a number from 0 to 1"),
         (["thesis:patch=0"], "patch must be 1 to 65535 pixels"),
-        (["second-moment:patch=6", "second-moment:patch=2", "simplex:patch=6"], "patch must be a multiple of 4 pixels"),
+        (["second-moment:patch=6", "second-moment:patch=2"], "patch must be a multiple of 4 pixels"),
         (["thesis:spp=1"], "at least 2, because a variance needs two samples"),
         (["second-moment:spp=2", "second-moment:spp=7"], "spp of the pilot must be even and at least 4"),
         (["auto:spp=6", "auto:spp=2"], "power of two from 4 on, or 0 to choose it; got"),
@@ -102,22 +97,12 @@ def test_rounds_of_a_budget() -> None:
         (["thesis:ragged=cut"], "ragged must be equal or area; got 'cut'"),
         (["thesis:channels=red"], "channels must be luminance or rgb"),
         (["thesis:filter=box"], "filter must be gaussian or none"),
-        ([f"{rule}:filter=box" for rule in CURVES[:2]], "filter must be gaussian or none or joint; got 'box'"),
+        (["second-moment:filter=box"], "filter must be gaussian or none or joint; got 'box'"),
         ([f"{rule}:size=4" for rule in SMOOTHED], "size must be odd, 1 to 1001"),
         ([f"{rule}:sigma={x}" for rule in SMOOTHED for x in ("0", "nan")], "sigma must be positive"),
         ([f"{rule}:guard=-1" for rule in CURVES], "guard must be a number of at least 0"),
         (["auto:exponent=0.5"], "exponent must be a number from 1 to 3"),
         (["auto:error=mse"], "error must be absolute or relative; got 'mse'"),
-        # no techniques or shares
-        (["simplex:light"], "mix must be two or more different techniques"),
-        (["simplex:light+dark"], "technique must be one of .*; got 'dark'"),
-        (
-            ["simplex:light+brdf+uniform+resampled"],
-            "even multiple of 4, the number of techniques, .* 8; got 6",
-        ),
-        (["simplex:light=0.5"], "shares of at least two techniques; got light"),
-        (["simplex:light=0.5,brdf=0.3,resampled=0.3"], r"add up to 1, .* got 0.5 \+ 0.3 \+ 0.3 = 1.1"),
-        (["simplex:light=1.5,brdf=-0.5"], r"shares must be in \[0, 1\]"),
     ],
 )
 def test_non_rules_are_refused(rules: list[Any], message: str) -> None:
@@ -185,10 +170,8 @@ class Stubborn(dmis.Rule):
         ("thesis:reuse=no", {"reuse_pilot": True}, 'Write rule="thesis:reuse=yes"'),
         (Thesis(8, combiner="balance"), {"combiner": "power"}, "Make the rule with combiner='power'"),
         (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave combiner out of the settings"),
-        ("uniform", {"techniques": ("resampled", "brdf")}, 'Write rule="simplex:resampled=0.5,brdf=0.5" with your'),
-        ("simplex", {"techniques": ("light", "uniform")}, 'Write rule="simplex:light=0.5,uniform=0.5" with your'),
+        ("uniform", {"techniques": ("light", "uniform")}, 'Write rule="fixed:light=0.5,uniform=0.5" with your'),
         ("pbrt", {"combiner": "balance"}, 'Write rule="pbrt:combiner=balance"'),
-        ("uniform", {"techniques": ("light", "brdf")}, 'Write rule="simplex:light=0.5,brdf=0.5" with your'),
         ("one-sample", {"allocation": "systematic"}, 'Write rule="one-sample:allocation=systematic"'),
     ],
 )

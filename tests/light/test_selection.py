@@ -314,12 +314,12 @@ def test_renders_agree_with_all_lights(seed: int) -> None:
         ("auto", {}),
         ("thesis", {}),
         ("thesis", {"integrator": "path", "max_depth": 3}),
-        ("simplex:light=0.5,brdf=0.2,resampled=0.3", {}),
+        ("fixed:light=0.5,brdf=0.2,uniform=0.3", {}),
         ("fixed:0.5,combiner=optimal", {"sampler": "independent"}),
     ],
 )
 def test_rules_and_paths_agree_with_all_lights(rule: str, options: dict[str, Any]) -> None:
-    """Learned shares and counts, paths, resampling and optimal weights see one light and have the same mean."""
+    """Learned shares and counts, paths, three techniques and optimal weights see one light and have the same mean."""
     check_against_all_lights(3, "tree", rule, **options)
 
 

@@ -298,7 +298,6 @@ def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
         ({"rule": "auto", "spp": 32, "shading_samples": 3}, "even for rule auto,.*; got 3. Use 4, or rule thesis"),
         ({"rule": "counts", "spp": 32, "shading_samples": 3}, "shading_samples must be even for rule counts"),
         ({"rule": "second-moment", "spp": 32, "shading_samples": 3}, "shading_samples must be even"),
-        ({"rule": "simplex", "spp": 32, "shading_samples": 3}, "shading_samples must be even"),
         ({"rule": "auto", "spp": 32, "shading_samples": 1}, "even for rule auto,.*; got 1. Use 2, or rule thesis"),
         ({"combiner": 3}, "combiner must be one of balance, .*; got '3'"),
         ({"combiner": ["power"]}, r"combiner must be one of balance, .*; got .\['power'\]"),
@@ -400,7 +399,7 @@ def test_bad_weights_are_refused(box, fit, message):
     [
         *((rule, "combiner=power", {"combiner": "power"}) for rule in ("auto", "counts", "thesis")),
         *((rule, "combiner=optimal", {"combiner": "optimal"}) for rule in ("second-moment", "fixed:0.3")),
-        ("simplex", "combiner=maximum", {"combiner": "maximum"}),
+        ("second-moment", "combiner=maximum", {"combiner": "maximum"}),
         ("one-sample", "combiner=power", {"combiner": "power"}),
         ("thesis", "reuse=yes", {"reuse_pilot": True}),
         ("fixed:0.3", "allocation=random", {"allocation": "random"}),
@@ -416,6 +415,7 @@ def test_settings_are_options_that_a_rule_leaves_open(box, rule, option, setting
     assert jobs[0].rule == jobs[1].rule and "fallback" not in result.provenance
 
 
+@pytest.mark.usefixtures("literature")
 @pytest.mark.parametrize(
     ("settings", "rule", "reason"),
     [

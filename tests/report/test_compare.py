@@ -42,7 +42,7 @@ def test_all_rules():
         ("", "rule must be one of"),
         ("thesis:patch=8,filter=box", "filter must be"),
         ("thesis:patch=8,nope:patch=4,auto", "^rule must be one of .*thesis.*; got 'nope'"),
-        ("simplex:light+brdf,nope", "^rule must be one of .*thesis.*; got 'nope'"),
+        ("fixed:light=0.5,brdf=0.5,nope", "^rule must be one of .*thesis.*; got 'nope'"),
     ],
 )
 def test_bad_rules(text, message):

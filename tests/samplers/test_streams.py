@@ -240,6 +240,7 @@ def _disk_irradiance(r: Array, height: float, radius: float) -> Array:
     return np.pi / 2 * (1 - (1 + h * h - k * k) / np.sqrt(z * z - 4 * k * k))
 
 
+@pytest.mark.usefixtures("literature")
 @pytest.mark.parametrize("rule, integrator", [("balance", "path"), ("resampled:0.5", "direct")])
 @pytest.mark.parametrize("kind", [kind for kind in SAMPLERS if kind != "independent"])
 def test_integrands_of_several_draws_converge(kind: str, rule: str, integrator: Any) -> None:

@@ -144,7 +144,7 @@ def test_pool_some_rows_at_a_time(radius: int) -> None:
 
 def test_joint_rules_render(box: dmis.Scene) -> None:
     """They bring feature buffers, count their rays, and do not depend on threads; others have none."""
-    for rule in ("second-moment:filter=joint", "kl:filter=joint", "auto"):
+    for rule in ("second-moment:filter=joint", "auto"):
         one, two = (dmis.render(box, rule, 16, seed=1, parallel=n) for n in (1, 2))
         np.testing.assert_array_equal(one.image, two.image)
         assert one.rays["guide"] == 16 * 12 and (one.weight != 0.5).any()

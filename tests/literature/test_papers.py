@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, registries_kept, results_z, shared_scene
+from helpers import LITERATURE, Z_LIMIT, load_literature, registries_kept, results_z, shared_scene
 
 import dmis
 from dmis.base.patches import PATCH
-from dmis.base.plugins import load_plugin
 from dmis.bench.decide import _records
 from dmis.estimator.settings import Settings
 from dmis.fit.registry import RULES
 from dmis.fit.round import Budget
 from dmis.variance.curves import GRID
 
-FOLDER = Path(__file__).parent.parent / "examples" / "literature"
 NAMES = {"hua2025": "hua2025", "grittmann2019": "grittmann2019", "grittmann2022": "grittmann2022",
          "inverse_moments": "inverse-moments"}  # fmt: skip
 SHAPE = 12, 16
@@ -31,15 +27,14 @@ PATCHES = 3, 4
 def modules() -> Iterator[SimpleNamespace]:
     """The modules of the folder, loaded as plug-ins; their rules are registered."""
     with registries_kept():
-        for stem in NAMES:
-            load_plugin(FOLDER / f"{stem}.py")
-        yield SimpleNamespace(**{stem: sys.modules[stem] for stem in (*NAMES, "pilot_moments")})
+        yield load_literature()
 
 
 def test_each_file_has_one_rule_and_says_its_source(modules: SimpleNamespace) -> None:
-    assert {path.stem for path in FOLDER.glob("*.py")} == {*NAMES, "pilot_moments"}
+    others = {"objectives", "simplex", "resampled", "pilot_moments"}
+    assert {path.stem for path in LITERATURE.glob("*.py")} == {*NAMES, *others}
     for stem, name in NAMES.items():
-        text = (FOLDER / f"{stem}.py").read_text("utf-8")
+        text = (LITERATURE / f"{stem}.py").read_text("utf-8")
         assert name in RULES and text.count("\n") <= 60
         about = str(getattr(modules, stem).__doc__)
         assert "What differs: " in about and "eant for" in about and "(class ``" in about

@@ -1,10 +1,9 @@
-"""Variance V(w) at the shares w of K techniques, points of the simplex, from one pilot (theory-extensions.md, Eq. 18a).
+"""The rule ``simplex``: shares of K techniques per patch, where the variance times cost is least.
 
-For two techniques `dmis.variance.curves` computes the same on a finer grid.
-
-Techniques k = 1..K with shares w_k of sum 1 and densities p_k are mixed by the balance heuristic: a sample of k has
-the value ``Y_k = f F_k / p_w``, ``p_w = sum_j w_j p_j``. F_k is 1, except for techniques whose density is not known
-(`dmis.estimator.resampling`): there p_k is an approximation of the density, and the factor F_k corrects for it. With
+For two techniques the rule ``second-moment`` does the same on a finer grid. Techniques k = 1..K with shares w_k of sum
+1, points of the simplex, and densities p_k are mixed by the balance heuristic (theory-extensions.md, Eq. 18a): a sample
+of k has the value ``Y_k = f F_k / p_w``, ``p_w = sum_j w_j p_j``. F_k is 1, except for techniques whose density is not
+known (``resampled``): there p_k is an approximation of the density, and the factor F_k corrects for it. With
 
     m_k(w) = E_k[Y_k],  M2(w) = sum_k w_k E_k[Y_k^2],  sum_k w_k m_k = I
 
@@ -22,36 +21,44 @@ If all densities are known M2 is ``integral of f^2 / p_w``, convex in w, with on
 approximate density, need not be, so the rule takes the least value on a grid.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
-from collections.abc import Iterator, Sequence
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
-from dmis.base.vectors import TINY, Array
-from dmis.estimator.records import Record
+import dmis
+from dmis.base.patches import patch_spread, patch_sum
+from dmis.base.vectors import TINY
+from dmis.estimator.technique import technique_by_name
 from dmis.variance.curves import (
     CURVE_BATCH,
     MIN_DENSITY_RATIO,
+    mean_square,
     power_of_two_near,
     product_of_halves,
     select_pixels,
+    squared_mean,
     summed_variance,
-    variance_over_y,
     with_gain_square,
 )
+
+dmis.load_plugin("resampled")  # the technique of the default mix
 
 GRID_STEPS = 6
 """Largest number of steps of the grid from one technique alone to another; `grid` rounds it down to a multiple of K."""
 SMALLEST_SHARE = 0.03
 """Least positive share of a technique in the points of the grid near the border of the simplex."""
+PRICES = 2.0 ** -np.arange(6)
+"""Prices of cost in variance that are tried, times that at `baseline_point`."""
+
+
+# Variance curves ------------------------------------------------------------------------------------------------------
 
 
 @cache
-def grid(techniques: int) -> tuple[Array, np.ndarray]:
+def grid(techniques):
     """Return the shares at which V is estimated, ``(K, G)``, and for each point one without zero shares, ``(G,)``.
 
     The points are even steps over the simplex. Points on its border, which leave techniques out, have a second point
@@ -76,7 +83,7 @@ def grid(techniques: int) -> tuple[Array, np.ndarray]:
     return shares, np.concatenate([interior, np.arange(even.shape[1], shares.shape[1])])
 
 
-def baseline_point(exact: Sequence[bool]) -> int:
+def baseline_point(exact):
     """Return the index of the point of `grid` that rules leave only for a significant gain.
 
     It has equal shares of the techniques whose density is known (`exact`), which are the cheap ones; of all techniques
@@ -102,7 +109,7 @@ class SimplexCurves:
         Whether the density of each technique is known, ``(K,)``.
     """
 
-    def __init__(self, pixels: int, shading_samples: int, exact: tuple[bool, ...] = (True, True)) -> None:
+    def __init__(self, pixels, shading_samples, exact=(True, True)):
         self._exact = exact
         self._s = shading_samples // len(exact)
         self._shares, _ = grid(len(exact))
@@ -112,7 +119,7 @@ class SimplexCurves:
         self._curve, self._pattern, self._second = np.zeros((3, self._shares.shape[1], pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
 
-    def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
+    def add(self, records, radiance, count):
         """Add one block: `count` camera samples of every pixel, sample-major, and their radiance ``(3, N)``."""
         self._total += summed_variance(radiance, count)
         self._n += count
@@ -127,10 +134,10 @@ class SimplexCurves:
             ]
             self._add(samples, batch, count, float(unit) ** 2)
 
-    def _add(self, lights: Sequence[SamplesTowardsLight], pixels: slice, count: int, unit_2: float) -> None:
+    def _add(self, lights, pixels, count, unit_2):
         """Add the curves of some `pixels`, from samples in units whose square is `unit_2`."""
         for g, (shares, rounding) in enumerate(zip(self._shares.T.astype(np.float32), self._rounding, strict=True)):
-            means: Array | float = 0
+            means = 0
             for light in lights:
                 second, mean = light.at(shares)
                 # sum_k w_k m_k^2 at y
@@ -141,9 +148,10 @@ class SimplexCurves:
                 means = mean + means
             # sum_kl cov(n_k, n_l) / S^2 Cov_y(m_k, m_l) = sum over v of Var_y(v . m)
             for projection in np.einsum("ek,ktn->etn", rounding, means):
-                self._pattern[g, pixels] += unit_2 * count * variance_over_y(projection, count)
+                of_pixels = mean_square(projection, count) - squared_mean(projection, count)
+                self._pattern[g, pixels] += unit_2 * count * of_pixels
 
-    def sums(self) -> dict[str, Array]:
+    def sums(self):
         """Return the sums per pixel that are averaged over patches.
 
         ``curve`` ``(G, P)``, the square of its difference from `baseline_point` as ``gain_square``, and Var_y(I) as
@@ -158,13 +166,13 @@ class SimplexCurves:
         return with_gain_square((self._curve + self._pattern) / n, self._second / n, at) | {"position": position}
 
 
-def samples_by_light(records: Sequence[Record], s: int, techniques: int, n: int) -> Iterator[tuple[Array, Array]]:
+def samples_by_light(records, s, techniques, n):
     """Yield ``X = f F / q`` (the mean of its channels) and ``r_k = p_k / q`` of the pilot, one light after the other.
 
     q is the mean of the p_k. X is ``(S, K, N)``: S samples of each technique of N camera samples. The ratios are
     ``(S, K, K, N)``: of each sample, those of all techniques. Samples that are not recorded met no light: X is 0.
     """
-    lights: dict[tuple[int, ...], tuple[Array, Array]] = {}
+    lights = {}
     for record in records:
         if record.key not in lights:
             x = np.zeros((s, techniques, n), np.float32)
@@ -184,7 +192,7 @@ def samples_by_light(records: Sequence[Record], s: int, techniques: int, n: int)
 class SamplesTowardsLight:
     """Estimates of M2(w) and m_k(w) from the shading samples towards one light, see `samples_by_light`."""
 
-    def __init__(self, x: Array, r: Array, exact: Sequence[bool]) -> None:
+    def __init__(self, x, r, exact):
         self._exact = np.flatnonzero(exact)
         self._approximate = np.flatnonzero(~np.asarray(exact))
         self._x = x.swapaxes(0, 1)
@@ -194,7 +202,7 @@ class SamplesTowardsLight:
         mixture = np.maximum(ratios.sum(axis=0) / max(len(ratios), 1), MIN_DENSITY_RATIO)
         self._relative = ratios / mixture
 
-    def at(self, shares: Array) -> tuple[Array, Array]:
+    def at(self, shares):
         """Return the second moment and the means of shading samples at the `shares` ``(K,)``.
 
         Returns
@@ -228,14 +236,14 @@ class SamplesTowardsLight:
         return second / rows, means
 
 
-def _projections(covariance: Array) -> Array:
+def _projections(covariance):
     """Return the rows v, ``(E, K)``, with which the covariance is the sum of ``v v^T``."""
     values, vectors = np.linalg.eigh(covariance)
     positive = values > 1e-9
     return (vectors[:, positive] * np.sqrt(values[positive])).T.astype(np.float32)
 
 
-def rounding_covariance(shares: Sequence[float], shading_samples: int) -> Array:
+def rounding_covariance(shares, shading_samples):
     """Return the covariance of ``n_k / S``, the realised shares of a camera sample's S shading samples, ``(K, K)``.
 
     They differ from the `shares` by the systematic rounding of `dmis.estimator.allocation.allocate`.
@@ -248,7 +256,7 @@ def rounding_covariance(shares: Sequence[float], shading_samples: int) -> Array:
     return covariance
 
 
-def _roundings(shares: tuple[float, ...], n: int) -> Iterator[tuple[float, tuple[int, ...]]]:
+def _roundings(shares, n):
     """Yield all ways to round n times the shares, with their probabilities."""
     if len(shares) == 1:
         yield 1.0, (n,)
@@ -260,3 +268,105 @@ def _roundings(shares: tuple[float, ...], n: int) -> Iterator[tuple[float, tuple
         if probability > 1e-9:
             for other, counts in _roundings(shares[1:], n - count):
                 yield probability * other, (count, *counts)
+
+
+# Rule -----------------------------------------------------------------------------------------------------------------
+
+
+def best_points(curves, cost, guard, allowed, area):
+    """Return the points of the grid, ``(rows, columns)``, for which the image's error times its time is least.
+
+    That is ``sum V sum C`` over patches of the `area` ``(rows, columns)`` in pixels. Patches minimise ``V + price C``
+    (`dmis.fit.curve_minimum.cost_weighted`). At the minimum the price is ``sum V / sum C`` there, which may be far from
+    that at `baseline_point`: a technique that costs twice as much may have a quarter of the variance. So prices from
+    that at the baseline point downwards are tried.
+    """
+    variance = np.maximum(curves.variance, 0)
+    baseline_price = (variance[curves.baseline] * area).sum() / area.sum() / cost[curves.baseline]
+    candidates = []
+    for price in baseline_price * PRICES:
+        index = dmis.guarded_argmin(curves, cost, guard, allowed, price)
+        error = (np.take_along_axis(variance, index[None], axis=0)[0] * area).sum()
+        candidates.append((error * (cost[index] * area).sum(), index))
+    return min(candidates, key=lambda candidate: candidate[0])[1]
+
+
+@dataclass(frozen=True)
+class Simplex(dmis.PooledRule):
+    """Choose shares of several techniques that minimise variance and cost per patch.
+
+    `dmis.fit.second_moment.SecondMoment` does the same for two, on a finer grid.
+
+    Parameters
+    ----------
+    mix
+        Names of the techniques, joined by ``+``.
+    spp
+        Samples of the pilot, at equal shares: an even multiple of K of at least 2 K, which become camera samples with
+        K times the shading samples, K times fewer.
+    patch, filter, size, sigma, cost, guard, reuse, combiner, sampler, compensation
+        See `dmis.fit.pooled_rule.PooledRule`; the baseline point is `baseline_point`.
+
+    Notes
+    -----
+    The maps of its `Fit` are ``patch``, shares of all techniques ``(K, rows, columns)``, ``variance``, and
+    ``variances`` ``(G, rows, columns)``.
+    """
+
+    mix: str = "light+brdf+resampled"
+    multi_technique = True
+
+    def __post_init__(self):
+        super().__post_init__()
+        names = self.techniques
+        for name in names:
+            technique_by_name(name)
+        if len(names) < 2 or len(set(names)) < len(names):
+            raise ValueError(f"mix must be two or more different techniques joined by +; got {self.mix!r}")
+        if self.spp < 2 * len(names) or self.spp % 2 or self.spp % len(names):
+            raise ValueError(
+                f"spp of the pilot must be an even multiple of {len(names)}, the number of techniques, and at least "
+                f"{2 * len(names)}; got {self.spp}"
+            )
+
+    @property
+    def techniques(self):
+        """Names of the techniques, in the order of the shares."""
+        return tuple(self.mix.split("+"))
+
+    @property
+    def pilot(self):
+        k = len(self.techniques)
+        return {0.5 if k == 2 else (1 / k,) * k: self.spp}
+
+    @property
+    def statistic(self):
+        """Makes the statistic that the pilot gathers."""
+        return partial(SimplexCurves, exact=self._exact)
+
+    @property
+    def _exact(self):
+        return tuple(technique_by_name(name).exact for name in self.techniques)
+
+    def fit(self, pilot):
+        """Return the shares of all techniques, from the pilot at equal shares."""
+        (samples,) = pilot.values()
+        shape = samples.moments.mean.shape[:2]
+        means, pixels = self.pooled(samples)
+        shares, inside = grid(len(self.techniques))
+        curves = dmis.PatchCurves(**means, pixels=pixels, baseline=baseline_point(self._exact))
+        area = patch_sum(np.ones(shape), self.patch)
+        # a technique may be left out where that is as good for the image as `SMALLEST_SHARE`, see `allowed_weights`
+        of_image = (curves.curve * area).sum(axis=(1, 2))
+        allowed = of_image <= of_image[inside]
+        index = best_points(curves, self.sample_cost(samples, shares), self.guard, allowed, area)
+        patches = shares[:, index]
+        maps = {
+            "patch": patches,
+            "variance": np.maximum(np.take_along_axis(curves.variance, index[None], axis=0)[0], 0),
+            "variances": curves.variance,
+        }
+        return dmis.Fit(np.stack([patch_spread(share, self.patch, shape) for share in patches]), maps)
+
+
+dmis.register_rule("simplex", Simplex)

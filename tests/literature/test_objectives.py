@@ -1,14 +1,20 @@
 """Objectives of the literature: planted 1-D problems whose answers are known by quadrature."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from planted import pilot_of_curves
 from scipy.optimize import brentq
 
+import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.records import Record
-from dmis.fit.objectives import OBJECTIVE_NAMES, Gather, objective
-from dmis.fit.second_moment import SecondMoment
+from dmis.fit.registry import about
+from dmis.variance.curves import GRID
 
+pytestmark = pytest.mark.usefixtures("literature")
+NAMES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")
 N = 400_000
 X = (np.arange(200_000) + 0.5) / 200_000
 P_L, P_B = 2 * X, 2 * (1 - X)
@@ -29,23 +35,20 @@ def variance(g: Array, p: Array) -> float:
     return integral(p * g**2) - integral(p * g) ** 2
 
 
-def means(name: str, gamma: float = 2.0, pixels: int = 1) -> Array:
-    """What the objective gathers from N camera samples, in one patch."""
+def weight(rule: str, cost: tuple[float, float] = (1.0, 1.0)) -> float:
+    """The share that follows from what the rule gathers from N camera samples, in one patch."""
     rng = np.random.default_rng(1)
-    statistic = SecondMoment(name, gamma=gamma).statistic(pixels, 2)
+    made = dmis.make_rule(rule)
+    statistic = made.statistic(1, 2)
     records = []
     for side in (0, 1):
         x = np.sqrt(rng.random(N))
         x = x if side == 0 else 1 - x
         pdf = np.stack([2 * x, 2 * (1 - x)]).astype(np.float32)
         records.append(Record(side, (0,), 0, None, np.repeat(f(x)[None], 3, axis=0).astype(np.float32), pdf))
-    statistic.add(records, np.zeros((3, N), np.float32), N // pixels)
+    statistic.add(records, np.zeros((3, N), np.float32), N)
     sums = statistic.sums()["values"]
-    return sums.mean(axis=-1).reshape(*sums.shape[:-1], 1, 1)
-
-
-def weight(name: str, gamma: float = 2.0, cost: tuple[float, float] = (1.0, 1.0)) -> float:
-    return float(objective(name, gamma).solve(means(name, gamma), cost)[0, 0])
+    return float(made.solve(sums[..., None], cost)[0, 0])
 
 
 def test_taylor() -> None:
@@ -59,7 +62,7 @@ def test_taylor() -> None:
 def test_inverse_variance(cost: tuple[float, float]) -> None:
     """``w / (1 - w) = c_b v_b / (c_l v_l)``."""
     light, brdf = cost[1] * variance(f(X) / P_L, P_L), cost[0] * variance(f(X) / P_B, P_B)
-    assert weight("inverse-variance", cost=cost) == pytest.approx(brdf / (light + brdf), abs=5e-3)
+    assert weight("inverse-variance", cost) == pytest.approx(brdf / (light + brdf), abs=5e-3)
 
 
 @pytest.mark.parametrize("cost", [(1.0, 1.0), (1.0, 4.0)])
@@ -67,7 +70,7 @@ def test_neyman(cost: tuple[float, float]) -> None:
     """``w / (1 - w) = s_l sqrt(c_b) / (s_b sqrt(c_l))``."""
     light = np.sqrt(variance(f(X) / Q, P_L) / cost[1])
     brdf = np.sqrt(variance(f(X) / Q, P_B) / cost[0])
-    assert weight("neyman", cost=cost) == pytest.approx(light / (light + brdf), abs=5e-3)
+    assert weight("neyman", cost) == pytest.approx(light / (light + brdf), abs=5e-3)
 
 
 def test_representativity() -> None:
@@ -76,11 +79,13 @@ def test_representativity() -> None:
     assert weight("representativity") == pytest.approx(light / (light + brdf), abs=5e-3)
     # a technique that misses half of f: 1 / 2 against .5^2 / 1
     of_patch = np.array([[1.0, 0.5], [2.0, 1.0]])[..., None, None]
-    assert objective("representativity").solve(of_patch, (1.0, 1.0)) == pytest.approx(0.5 / 0.75)
+    assert dmis.make_rule("representativity").solve(of_patch, (1.0, 1.0)) == pytest.approx(0.5 / 0.75)
 
 
-@pytest.mark.parametrize("name, gamma", [("kl", 1.0), ("tsallis", 1.5), ("tsallis", 2.0), ("tsallis", 3.0)])
-def test_divergences(name: str, gamma: float) -> None:
+@pytest.mark.parametrize(
+    "rule, gamma", [("kl", 1.0), ("tsallis:gamma=1.5", 1.5), ("tsallis", 2.0), ("tsallis:gamma=3", 3.0)]
+)
+def test_divergences(rule: str, gamma: float) -> None:
     """The root of xi; for gamma = 2 the minimum of the second moment.
 
     Between the weights of the grid xi is interpolated, hence 0.01.
@@ -90,21 +95,33 @@ def test_divergences(name: str, gamma: float) -> None:
         p_w = w * P_L + (1 - w) * P_B
         return integral(f(X) ** gamma * (P_L - P_B) / p_w**gamma)
 
-    root = brentq(expected, 0.01, 0.99)
-    assert weight(name, gamma) == pytest.approx(root, abs=0.01)
+    assert weight(rule) == pytest.approx(brentq(expected, 0.01, 0.99), abs=0.01)
 
 
-@pytest.mark.parametrize("name", OBJECTIVE_NAMES)
+@pytest.mark.parametrize("name", NAMES)
 def test_nothing_seen(name: str) -> None:
     """Black patches stay at 1/2."""
-    statistic = Gather(objective(name), 4, 2)
+    rule = dmis.make_rule(name)
+    statistic = rule.statistic(4, 2)
     statistic.add([], np.zeros((3, 8), np.float32), 2)
-    assert (objective(name).solve(statistic.sums()["values"], (1.0, 1.0)) == 0.5).all()
+    assert (rule.solve(statistic.sums()["values"], (1.0, 1.0)) == 0.5).all()
     if name in ("kl", "tsallis"):  # xi falls with w: no root above or below 0
-        assert [objective(name).solve(sign * np.ones((11, 1, 1)), (1.0, 1.0)) for sign in (1, -1)] == [1, 0]
+        assert [rule.solve(sign * np.ones((11, 1, 1)), (1.0, 1.0)) for sign in (1, -1)] == [1, 0]
 
 
-def test_unknown_objective() -> None:
-    """The error lists what there is."""
-    with pytest.raises(ValueError, match=r"objective must be second-moment, taylor, .*; got 'best'"):
-        objective("best")
+def test_costs_of_a_pilot_by_hand() -> None:
+    """The pilot's light samples, 4 of 8, trace rays: 1 + 4 (.25 + .4 w) is 3.6 at w = 1 and 2 at w = 0."""
+    film = pilot_of_curves(np.ones((len(GRID), 1, 1)), shape=(4, 5))[0.5]
+    film = replace(film, rays={"camera": 100, "shadow": 400}, shading_samples=8)
+    film = replace(film, sums={"values": np.array([[[16.0, 4.0]]] * 2)})
+    np.testing.assert_allclose(dmis.make_rule("inverse-variance:filter=none").fit({0.5: film}).weight, 2 / (2 + 3.6))
+
+
+def test_options() -> None:
+    """Those of pooled rules, and the order of the divergence; each rule has a sentence."""
+    assert dmis.make_rule("tsallis:gamma=3,patch=8") != dmis.make_rule("tsallis:patch=8")
+    with pytest.raises(ValueError, match="gamma must be positive and finite; got inf"):
+        dmis.make_rule("tsallis:gamma=1e400")
+    with pytest.raises(ValueError, match=r"rule kl has the options patch, spp, .*; got 'gamma'"):
+        dmis.make_rule("kl:gamma=2")
+    assert len({about(name) for name in NAMES}) == len(NAMES) and all("Choose shares" in about(n) for n in NAMES)

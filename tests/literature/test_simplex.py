@@ -17,26 +17,21 @@ from dmis.estimator.allocation import allocate
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
-from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Pilot
-from dmis.fit.simplex import Simplex, best_points
 from dmis.light.area import SphereLight
-from dmis.report.compare import parse_rules
 from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID, Curves
 from dmis.variance.moments import Film
-from dmis.variance.simplex_curves import (
-    SMALLEST_SHARE,
-    SamplesTowardsLight,
-    SimplexCurves,
-    baseline_point,
-    grid,
-    samples_by_light,
-)
 
 LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
-MIX = "light=0.3,brdf=0.45,resampled=0.25"
+pytestmark = pytest.mark.usefixtures("literature")
+
+
+@pytest.fixture
+def simplex(literature: Any) -> Any:
+    """The module of the plug-in."""
+    return literature.simplex
 
 
 # One dimension ------------------------------------------------------------------------------------------------------
@@ -67,7 +62,7 @@ def plain(x: Array, y: Array) -> Array:
     return x * (1 - x) * (0.25 + (1 + 2 * y) * x)
 
 
-def pilot(f: Any, pixels: int, count: int, exact=(True, True, True), keys: int = 1, s: int = 2, seed: int = 1):
+def pilot(simplex: Any, f: Any, pixels: int, count: int, exact=(True,) * 3, keys: int = 1, s: int = 2, seed: int = 1):
     """Records of s samples of each technique at equal shares, their radiance, and the sums of `SimplexCurves`.
 
     A technique that is not exact draws evenly, has ``2 x`` as its stand-in, and makes up for it.
@@ -84,7 +79,7 @@ def pilot(f: Any, pixels: int, count: int, exact=(True, True, True), keys: int =
         value = np.repeat(value[None], 3, axis=0).astype(np.float32)
         records.append(Record(side, (key,), turn, None, value, pdf.astype(np.float32)))
     radiance = np.repeat(radiance[None], 3, axis=0).astype(np.float32)
-    found = SimplexCurves(pixels, k * s, exact)
+    found = simplex.SimplexCurves(pixels, k * s, exact)
     found.add(records, radiance, count)
     return records, radiance, found.sums()
 
@@ -115,10 +110,10 @@ def variance(f: Any, w: Array, s: int, exact=(True, True, True)) -> float:
     return total - float(np.einsum("k,ky->y", w, means).var())
 
 
-def test_a_mixture_has_no_variance_at_its_own_shares() -> None:
+def test_a_mixture_has_no_variance_at_its_own_shares(simplex: Any) -> None:
     """f = p_1 / 2 + p_2 / 3 + p_3 / 6: at these shares every sample is 1, and nowhere else is V as small."""
-    _, _, sums = pilot(planted, 20_000, 2)
-    shares, _ = grid(3)
+    _, _, sums = pilot(simplex, planted, 20_000, 2)
+    shares, _ = simplex.grid(3)
     curve = sums["curve"]
     best = int(curve.mean(axis=1).argmin())
     np.testing.assert_allclose(shares[:, best], PLANTED)
@@ -128,34 +123,34 @@ def test_a_mixture_has_no_variance_at_its_own_shares() -> None:
 
 @pytest.mark.parametrize("exact", [(True, True, True), (True, True, False), (True, True)])
 @pytest.mark.parametrize("count, s", [(2, 2), (3, 4)])
-def test_curves_are_unbiased(exact: tuple[bool, ...], count: int, s: int) -> None:
+def test_curves_are_unbiased(simplex: Any, exact: tuple[bool, ...], count: int, s: int) -> None:
     """At every point of the grid where f over the mixture is bounded, by quadrature."""
-    _, _, sums = pilot(plain, 20_000, count, exact, s=s, seed=count)
-    shares, _ = grid(len(exact))
+    _, _, sums = pilot(simplex, plain, 20_000, count, exact, s=s, seed=count)
+    shares, _ = simplex.grid(len(exact))
     assert abs(z_score(sums["position"], 1 / 6**2 / 12)) < Z_LIMIT  # I(y) = 1 / 24 + (1 + 2 y) / 12
     for g, w in enumerate(shares.T):
         if (w[:2] > 0).all():
             assert abs(z_score(sums["curve"][g], variance(plain, w, s, exact))) < Z_LIMIT, w
 
 
-def test_second_moments_are_convex() -> None:
+def test_second_moments_are_convex(simplex: Any) -> None:
     """Of techniques whose densities are known, ``mean of f^2 / p_w`` of one pilot, between any two points."""
-    records, _, _ = pilot(plain, 200, 2)
-    seen = SamplesTowardsLight(*next(samples_by_light(records, 2, 3, 400)), (True,) * 3)
+    records, _, _ = pilot(simplex, plain, 200, 2)
+    seen = simplex.SamplesTowardsLight(*next(simplex.samples_by_light(records, 2, 3, 400)), (True,) * 3)
     rng = np.random.default_rng(4)
     for a, b in rng.dirichlet((0.5, 0.5, 0.5), (50, 2)).astype(np.float32):
         at_a, at_b, middle = (seen.at(w)[0].mean() for w in (a, b, (a + b) / 2))
         assert middle <= (at_a + at_b) / 2 * (1 + 1e-5)
 
 
-def test_two_techniques_are_those_of_curves() -> None:
+def test_two_techniques_are_those_of_curves(simplex: Any) -> None:
     """The same records: the same V at the weights that both grids have."""
-    records, radiance, sums = pilot(plain, 300, 3, (True, True), keys=2)
+    records, radiance, sums = pilot(simplex, plain, 300, 3, (True, True), keys=2)
     curves = Curves(300, 4)
     curves.add(records, radiance, 3)
     other = curves.sums()
     np.testing.assert_allclose(sums["position"], other["position"], rtol=1e-4, atol=1e-6)
-    shares, _ = grid(2)
+    shares, _ = simplex.grid(2)
     scale = np.abs(other["curve"]).mean()
     common = 0
     for g, w in enumerate(GRID):
@@ -169,21 +164,32 @@ def test_two_techniques_are_those_of_curves() -> None:
 
 
 @pytest.mark.parametrize("techniques", [2, 3, 4])
-def test_grid(techniques: int) -> None:
+def test_grid(simplex: Any, techniques: int) -> None:
     """Points of the simplex, each once; equal shares among them; and the twins of those that leave techniques out."""
-    shares, inside = grid(techniques)
+    shares, inside = simplex.grid(techniques)
     np.testing.assert_allclose(shares.sum(axis=0), 1)
     assert len(np.unique(shares.round(9), axis=1).T) == shares.shape[1]
-    np.testing.assert_allclose(shares[:, baseline_point((True,) * techniques)], 1 / techniques)
-    assert (shares[:, inside] > 0).all() and (shares[:, inside] >= SMALLEST_SHARE - 1e-12).all()
-    np.testing.assert_allclose(shares[:, inside], np.where(shares == 0, SMALLEST_SHARE, shares[:, inside]))
+    np.testing.assert_allclose(shares[:, simplex.baseline_point((True,) * techniques)], 1 / techniques)
+    assert (shares[:, inside] > 0).all() and (shares[:, inside] >= simplex.SMALLEST_SHARE - 1e-12).all()
+    np.testing.assert_allclose(shares[:, inside], np.where(shares == 0, simplex.SMALLEST_SHARE, shares[:, inside]))
 
 
-def test_home() -> None:
-    """What the guard stays at: the techniques whose density is known, equally."""
-    shares, _ = grid(3)
-    np.testing.assert_allclose(shares[:, baseline_point((True, True, False))], (0.5, 0.5, 0))
-    np.testing.assert_allclose(shares[:, baseline_point((True, False, False))], (1 / 3, 1 / 3, 1 / 3))
+def test_baseline_points(simplex: Any) -> None:
+    """Equal shares of the techniques whose density is known."""
+    shares, _ = simplex.grid(3)
+    np.testing.assert_allclose(shares[:, simplex.baseline_point((True, True, False))], (0.5, 0.5, 0))
+    np.testing.assert_allclose(shares[:, simplex.baseline_point((True, False, False))], (1 / 3, 1 / 3, 1 / 3))
+
+
+@pytest.mark.parametrize("shares", [(0.3, 0.7), (0.2, 0.5, 0.3), (0.0, 0.9, 0.1), (0.1, 0.2, 0.3, 0.4)])
+@pytest.mark.parametrize("s", [2, 3])
+def test_covariance_of_rounding(simplex: Any, shares: tuple[float, ...], s: int) -> None:
+    """That of the counts of a camera sample, in the middle of its pixel."""
+    at = np.arange(100_000)
+    offset = np.random.default_rng(16).random((len(shares) - 1, len(at)))
+    of_pixels = np.repeat(np.array(shares)[:, None], len(at), axis=1)
+    counts = allocate(of_pixels, s, at, at * 0 + 5, offset, None).of_technique
+    np.testing.assert_allclose(np.cov(counts) / s**2, simplex.rounding_covariance(shares, s), atol=2e-3)
 
 
 # Images -------------------------------------------------------------------------------------------------------------
@@ -202,39 +208,24 @@ def images(rule: Any, first: int = 0, **settings: Any) -> Array:
 @pytest.mark.parametrize(
     "rule, settings",
     [
-        (f"simplex:{MIX},combiner=power", {"shading_samples": 3}),
-        (f"simplex:{MIX},combiner=cutoff,sampler=sobol", {"shading_samples": 1}),
-        ("simplex:light=0.2,brdf=0.3,uniform=0.1,resampled=0.4,sampler=stratified", {}),
-        (Fixed((0.2, 0.3, 0.5), techniques=("resampled", "brdf", "light"), allocation="random"), {}),
         ("simplex:light+brdf+uniform,guard=0,filter=gaussian", {}),
         ("simplex:brdf+resampled", {}),
         ("simplex:light+brdf+uniform+resampled,spp=8,filter=none,cost=no", {}),
+        ("simplex", {"integrator": "path", "max_depth": 3}),
     ],
 )
-def test_images_of_several_techniques_are_unbiased(rule: Any, settings: dict[str, Any]) -> None:
+def test_images_are_unbiased(rule: str, settings: dict[str, Any]) -> None:
     """Against light and BRDF samples with the balance heuristic."""
-    found, balance = images(rule, **settings), images("balance", 500)
-    assert abs(images_z_score(found, balance)) < Z_LIMIT
-
-
-def test_paths_are_unbiased() -> None:
-    """Given and learned shares at all surfaces of a path."""
-    how = {"integrator": "path", "max_depth": 3}
-    balance = images("balance", 500, **how)
-    for rule in (f"simplex:{MIX}", "simplex"):
-        assert abs(images_z_score(images(rule, **how), balance)) < Z_LIMIT
+    assert abs(images_z_score(images(rule, **settings), images("balance", 500, **settings))) < Z_LIMIT
 
 
 def test_the_image_does_not_depend_on_threads() -> None:
-    """Nor on how shares are given: of two techniques the rule is that of one weight."""
     scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(40, 33))
     one, three = (dmis.render(scene, "simplex", 12, seed=3, parallel=n) for n in (1, 3))
     np.testing.assert_array_equal(one.image, three.image)
     assert one.maps["patch"].shape == (3, 9, 10) and one.provenance["settings"]["techniques"][2] == "resampled"
     np.testing.assert_allclose(one.maps["patch"].sum(axis=0), 1)
     np.testing.assert_array_equal(one.weight, np.kron(one.maps["patch"][0], np.ones((4, 4)))[:33].astype(np.float32))
-    assert make_rule("simplex:light=0.25,brdf=0.75") == Fixed(0.25, techniques=("light", "brdf"))
-    assert dmis.render(scene, f"simplex:{MIX}", 4, seed=3).weight == pytest.approx(0.3)
 
 
 def test_learned_shares_are_worth_it() -> None:
@@ -242,65 +233,53 @@ def test_learned_shares_are_worth_it() -> None:
     scene = box_scene(resolution=(24, 24))
     learned, equal = (
         dmis.render(scene, rule, 96, seed=2)
-        for rule in ("simplex:light+brdf+uniform", "simplex:light=0.3333334,brdf=0.3333333,uniform=0.3333333")
+        for rule in ("simplex:light+brdf+uniform", "fixed:light=0.3333334,brdf=0.3333333,uniform=0.3333333")
     )
     assert np.median(learned.maps["patch"][0]) > 0.8 and learned.variance.mean() < 0.2 * equal.variance.mean()
 
 
-def test_the_price_is_that_of_the_minimum() -> None:
+def test_the_price_is_that_of_the_minimum(simplex: Any) -> None:
     """A technique of twice the cost and a quarter of the variance in all patches is taken, although at the price of
     where it is not taken that would be worse; one of half the variance is no better.
     """
-    shares, inside = grid(3)
-    at = baseline_point((True, True, False))
+    shares, inside = simplex.grid(3)
+    at = simplex.baseline_point((True, True, False))
     cost = 1 + shares[2]
     for alone, taken in ((0.25, True), (0.55, False)):
         curve = np.broadcast_to((1 - (1 - alone) * shares[2])[:, None, None], (shares.shape[1], 2, 3))
         curves = PatchCurves(curve, (curve - curve[at]) ** 2, np.zeros((2, 3)), np.full((2, 3), 1e9), at)
         may = np.ones(shares.shape[1], bool)
-        found = best_points(curves, cost, 1.5, may, np.full((2, 3), 16.0))
+        found = simplex.best_points(curves, cost, 1.5, may, np.full((2, 3), 16.0))
         assert (shares[2][found] == taken).all()
-        np.testing.assert_array_equal(best_points(curves, 1e3 * cost, 1.5, may, np.full((2, 3), 16.0)), found)
+        np.testing.assert_array_equal(simplex.best_points(curves, 1e3 * cost, 1.5, may, np.full((2, 3), 16.0)), found)
         assert (guarded_argmin(curves, cost, 1.5, may, price=1.0) == at).all()  # that where it is not taken
 
 
-def test_techniques_are_left_out_where_that_suits_the_image() -> None:
+def test_techniques_are_left_out_where_that_suits_the_image(simplex: Any) -> None:
     """Two patches of 16 and 4 pixels: 16 * .1 + 4 * 1.3 < 16 * .2 + 4, but not with 1.5 in place of 1.3."""
-    shares, inside = grid(2)
+    shares, inside = simplex.grid(2)
     alone = int(shares[0].argmax())
-    for harm, w in ((1.3, 1.0), (1.5, 1 - SMALLEST_SHARE)):
+    for harm, w in ((1.3, 1.0), (1.5, 1 - simplex.SMALLEST_SHARE)):
         curve = np.ones((shares.shape[1], 1, 2))
         curve[[alone, inside[alone]]] = [[[0.1, harm]], [[0.2, 1.0]]]
         sums = {"curve": curve, "gain_square": (curve - 1) ** 2, "position": np.zeros((1, 2))}
         sums = {name: a * [16, 4] for name, a in sums.items()}
         found = Pilot(Film(2, *np.ones((2, 4, 5, 3))), {"camera": 100}, sums)
-        fit = Simplex("light+brdf", filter="none", cost=False, guard=0.0).fit({0.5: found})
+        fit = simplex.Simplex("light+brdf", filter="none", cost=False, guard=0.0).fit({0.5: found})
         np.testing.assert_allclose(fit.maps["patch"][0], [[w, 0.5]])
 
 
-# Texts --------------------------------------------------------------------------------------------------------------
-
-
-def test_texts() -> None:
-    """Learned or given; commas between rules, and within one."""
-    assert make_rule("simplex") == Simplex() == make_rule("simplex:light+brdf+resampled")
-    assert make_rule("simplex:brdf+uniform,patch=8,cost=no") == Simplex("brdf+uniform", patch=8, cost=False)
-    shares = Fixed((0.3, 0.45, 0.25), "power", ("light", "brdf", "resampled"))
-    assert make_rule(f"simplex:{MIX},combiner=power") == shares
-    assert parse_rules(f"balance,simplex:{MIX},auto") == ["balance", f"simplex:{MIX}", "auto"]
-
-
-def test_rules_of_two_techniques() -> None:
-    """Combiners that fit or freeze, and rules of one weight."""
-    three = ("light", "brdf", "uniform")
-    for combiner in ("optimal", "frozen"):
-        with pytest.raises(ValueError, match=f"combiner {combiner} needs two techniques; got 3: light, brdf, uniform"):
-            Settings(techniques=three, combiner=combiner)
-    with pytest.raises(ValueError, match="techniques must be at least two names"):
-        Settings(techniques=("light",))
-    scene = box_scene(resolution=(8, 8))
-    with pytest.raises(ValueError, match=r"weight must be of shape \(3,\) or .*; got \(2,\)"):
-        dmis.render(scene, Fixed((0.5, 0.5), techniques=three), 16)
-    for rule in ("thesis", "second-moment", "balance"):
-        with pytest.raises(ValueError, match="needs two techniques; got 3: light, brdf, uniform"):
-            dmis.render(scene, rule, 16, settings=Settings(techniques=three))
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("simplex:light", "mix must be two or more different techniques"),
+        ("simplex:light+dark", "technique must be one of .*; got 'dark'"),
+        ("simplex:light+brdf+uniform+resampled", "even multiple of 4, the number of techniques, .* 8; got 6"),
+        ("simplex:patch=6", "patch must be a multiple of 4 pixels"),
+        ("simplex:light=0.5,brdf=0.5", "given by the rule fixed; .* Write fixed:light=0.5,brdf=0.5"),
+    ],
+)
+def test_texts(simplex: Any, text: str, message: str) -> None:
+    assert make_rule("simplex:brdf+uniform,patch=8,cost=no") == simplex.Simplex("brdf+uniform", patch=8, cost=False)
+    with pytest.raises(ValueError, match=message):
+        make_rule(text)
