@@ -15,7 +15,7 @@ from dmis.bench.samples import SampleTable
 from dmis.estimator.records import PIXEL_SUMS, Record
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
-from dmis.fit.given import Given
+from dmis.fit.fixed import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import Rule, merge_settings, next_round, rule_text

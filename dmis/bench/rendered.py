@@ -15,7 +15,7 @@ from dmis.bench.decide import AnyRule, decide
 from dmis.bench.judge import shares_and_samples
 from dmis.estimator.cost import CAMERA, RAY, SHADING, UNTRACED, count_camera_samples, surface_points
 from dmis.estimator.settings import Settings
-from dmis.fit.given import Given
+from dmis.fit.fixed import Given
 from dmis.fit.round import Round
 from dmis.formats.load_scene import SCENE_FOLDER, load_scene
 from dmis.pipeline.render import render

@@ -174,8 +174,8 @@ class Auto(OptionRule):
     ) -> Round:
         """Return the second round: the numbers of samples that the first one decides, with the same patterns.
 
-        Maps: `variance` of each pixel's mean in the first round, and by colour `confidence` and `number_error`, see
-        `dmis.fit.sample_density.Density`.
+        Maps: `variance` of each pixel's mean in the first round, and by colour `confidence` and `number_error`, t and
+        predicted error of `dmis.fit.sample_density.density_of_colour`.
         """
         n_1, path = int(first_round.spp), on_paths(budget)
         variance, independent = variance_of_mean(first), sample_variance(first)
@@ -192,13 +192,14 @@ class Auto(OptionRule):
             if not samples[at].size:
                 continue
             cost = sample_costs(first, shading_samples, lights, colour)
-            density = density_of_colour(first, variance, independent, cost, colour, self.error, self.exponent, path)
-            confidence[colour], number_error[colour] = density.confidence, density.predicted
-            if density.confidence or over_pattern.min() < 1:
+            density, confidence[colour], number_error[colour] = density_of_colour(
+                first, variance, independent, cost, colour, self.error, self.exponent, path
+            )
+            if confidence[colour] or over_pattern.min() < 1:
                 chance = budget.generator(1).random(shape)[at].copy()  # of the whole image, which is large
                 allowance = budget.spp * (cost[at] * over_pattern[at]).sum()
                 least = np.full(chance.shape, n_1)
-                samples[at] = powers_of_two(density.samples, cost[at], least, allowance, chance) - n_1
+                samples[at] = powers_of_two(density, cost[at], least, allowance, chance) - n_1
         return replace(
             first_round,
             spp=samples if (samples != samples.flat[0]).any() else budget.spp - n_1,

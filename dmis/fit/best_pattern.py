@@ -102,12 +102,25 @@ def looks_at(shape: tuple[int, int], every: int = 1) -> np.ndarray:
 def decide_patterns(pilot: Pilot, error: str, guard: float, exponent: float) -> tuple[PatternChoice | None, float]:
     """Return the patterns of patches from a pilot, None if they do not pay, and their predicted error.
 
-    The error is that over the error of the pattern 1:1 at equal cost. For the options see `dmis.fit.auto.Auto`.
+    They are `MOST_PATTERNS` at most, with the halvings of each light that suit them. The error is that over the error
+    of the pattern 1:1 at equal cost. For the options see `dmis.fit.auto.Auto`.
     """
     weight = _patch_weight(pilot, error)
     curves, lights = curves_of_patches(pilot)
-    costs = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, max(len(lights) - 1, 1))
-    choice = choose_patterns(curves, lights, costs, weight, guard, exponent)
+    cost, light_costs = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques, max(len(lights) - 1, 1))
+    allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))
+    # some rows at a time, because there are many patterns
+    blocks = row_blocks(len(curves.position), 4)
+    errors = np.concatenate(
+        [pattern_errors(curves.rows(rows), cost, allowed, guard, exponent) for rows in blocks], axis=1
+    )
+    pattern = best_of_few(errors, weight, exponent)
+    of_pattern = cost[pattern]
+    choice = PatternChoice(pattern, of_pattern, np.empty(lights.shape, np.uint8), np.ones(pattern.shape))
+    if len(lights):
+        lit = light_costs[:, pattern]
+        halvings, variance_ratio, cost_ratio = light_halvings(lights, lit, of_pattern - lit.sum(axis=0), exponent)
+        choice = PatternChoice(pattern, of_pattern * cost_ratio, halvings, variance_ratio)
     predicted = predicted_error(choice, curves, weight, exponent)
     return (choice if predicted < PATTERN_PRICE else None), predicted
 
@@ -115,17 +128,20 @@ def decide_patterns(pilot: Pilot, error: str, guard: float, exponent: float) -> 
 def decide_one_pattern(pilot: Pilot, error: str) -> tuple[PatternChoice | None, float]:
     """Return one pattern for all patches, None if 1:1 is as good, and its predicted error times its cost.
 
-    For paths, because samples of several patterns are batches of their own, small at the later surfaces. All pixels
-    keep their numbers of camera samples, powers of two: of a pattern that costs an eighth less, an eighth of the pixels
-    could have twice as many, which lowers the error by less than the time. So what is least is V C.
+    It has at most two shading samples, and one technique alone needs to be safe (`allowed_weights`). It is for paths,
+    where samples of several patterns are batches of their own, small at the later surfaces. All pixels keep their
+    numbers of camera samples, powers of two: of a pattern that costs an eighth less, an eighth of the pixels could have
+    twice as many, which lowers the error by less than the time. So what is least is V C.
     """
     weight = _patch_weight(pilot, error)
     cost = pattern_costs(pilot.rays, pilot.shading_samples, pilot.techniques)[0]
-    curves = {colours: curves_of_image(pilot, colours, weight) for colours in (*HALVES, ALL)}
-    best = {colours: one_pattern(of_colours, cost) for colours, of_colours in curves.items()}
-    predicted = float(
-        np.mean([one_pattern_errors(curves[judge], cost)[best[chooser]] for chooser, judge in (HALVES, HALVES[::-1])])
-    )
+    errors, best = {}, {}
+    for colours in (*HALVES, ALL):
+        curves = curves_of_image(pilot, colours, weight)
+        errors[colours] = one_pattern_errors(curves, cost)
+        allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[SHARE_OF] & (SAMPLES_OF <= SAMPLES_OF[EQUAL])
+        best[colours] = int(np.where(allowed, errors[colours], np.inf).argmin())
+    predicted = float(np.mean([errors[judge][best[chooser]] for chooser, judge in (HALVES, HALVES[::-1])]))
     if not predicted < PATTERN_PRICE:
         return None, predicted
     none = np.empty((0, *weight.shape), np.uint8)
@@ -160,29 +176,6 @@ def curves_of_patches(pilot: Pilot) -> tuple[PatchCurves, Array]:
     means, effective_number = pool({**dict(sums), **number}, shape, PATCH, 1.0, 2, pilot.features or None)
     lights = means.pop("lights", np.empty((0, *effective_number.shape)))
     return PatchCurves(**means, pixels=effective_number, baseline=HALF), lights
-
-
-def choose_patterns(
-    curves: PatchCurves, lights: Array, costs: tuple[Array, Array], weight: Array, guard: float, exponent: float
-) -> PatternChoice:
-    """Return the best pattern of each patch, of `MOST_PATTERNS` at most, and the halvings of each light that suit it.
-
-    `curves` and `lights` are `curves_of_patches`, `costs` is `dmis.estimator.cost.pattern_costs`, and `weight` that of
-    each patch in the error. For the options see `dmis.fit.auto.Auto`.
-    """
-    cost, light_costs = costs
-    allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))
-    # some rows at a time, because there are many patterns
-    blocks = row_blocks(len(curves.position), 4)
-    errors = np.concatenate(
-        [pattern_errors(curves.rows(rows), cost, allowed, guard, exponent) for rows in blocks], axis=1
-    )
-    pattern = best_of_few(errors, weight, exponent)
-    if not len(lights):
-        return PatternChoice(pattern, cost[pattern], np.empty(lights.shape, np.uint8), np.ones(pattern.shape))
-    of_pattern, lit = cost[pattern], light_costs[:, pattern]
-    halvings, variance_ratio, cost_ratio = light_halvings(lights, lit, of_pattern - lit.sum(axis=0), exponent)
-    return PatternChoice(pattern, of_pattern * cost_ratio, halvings, variance_ratio)
 
 
 def pattern_errors(curves: PatchCurves, cost: Array, allowed: np.ndarray, guard: float, exponent: float) -> Array:
@@ -253,15 +246,6 @@ def curves_of_image(pilot: Pilot, colours: Sequence[int], weight: Array) -> Patc
     sums = {name: sum(a[k] for k in colours) for name, a in pilot.sums.items()}
     means = {name: (a * weight).sum(axis=(-2, -1), keepdims=True) / weight.sum() for name, a in sums.items()}
     return PatchCurves(**means, pixels=np.ones((1, 1)), baseline=HALF)
-
-
-def one_pattern(curves: PatchCurves, cost: Array) -> int:
-    """Return the pattern of the least V C for an image, of at most two shading samples.
-
-    `curves` are `curves_of_image`. One technique alone needs to be safe, see `dmis.fit.curve_minimum.allowed_weights`.
-    """
-    allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[SHARE_OF] & (SAMPLES_OF <= SAMPLES_OF[EQUAL])
-    return int(np.where(allowed, one_pattern_errors(curves, cost), np.inf).argmin())
 
 
 def one_pattern_errors(curves: PatchCurves, cost: Array) -> Array:

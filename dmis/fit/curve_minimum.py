@@ -56,19 +56,12 @@ class PatchCurves:
         return np.sqrt(np.maximum(self.gain_square - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
 
 
-def cost_weighted(variance: Array, cost: Array, price: float) -> Array:
-    """Return the objective of each patch, from `variance` ``(G, ...)`` and `cost` ``(G,)`` of a camera sample.
+def guarded_argmin(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, price: float) -> np.ndarray:
+    """Return the index into the grid at which ``V + price C`` is least, ``(rows, columns)``.
 
     The error of an image times its time is ``sum(V / n) sum(n C)`` over patches. With the same number n of samples in
     all of them that is least where each minimises ``V + price C``, the price being ``sum V / sum C``: dark patches
-    had better be cheap.
-    """
-    c = np.reshape(cost, (-1,) + (1,) * (variance.ndim - 1))
-    return variance + np.asarray(price * c, variance.dtype)
-
-
-def guarded_argmin(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, price: float) -> np.ndarray:
-    """Return the index into the grid at which `cost_weighted` variance is least, ``(rows, columns)``.
+    had better be cheap. C is the `cost` of a camera sample at each share, ``(G,)``.
 
     The baseline point is left only for a gain of more than `guard` standard errors, in variance alone too: a lower
     cost is always certain, and would decide alone where the pilot has no information. And only for shares that are
@@ -77,7 +70,7 @@ def guarded_argmin(curves: PatchCurves, cost: Array, guard: float, allowed: np.n
     index = np.empty(curves.position.shape, np.intp)
     for rows in row_blocks(len(index)):  # curves are large, and intermediate results are larger
         block = curves.rows(rows)
-        objective = cost_weighted(block.variance, cost, price)
+        objective = block.variance + np.asarray(price * cost[:, None, None], block.variance.dtype)
         error = block.gain_error()
         significant = block.variance - block.variance[curves.baseline] < -guard * error
         significant &= objective - objective[curves.baseline] < -guard * error

@@ -27,7 +27,6 @@ whose own V q judges. If the gain that it predicts is less than the price of une
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,31 +55,6 @@ UNSEEN = 0.02
 """Cost of a camera sample that meets nothing, over the mean."""
 DARK = 0.1
 """e in relative errors, over the squared mean radiance of the image: near the .01 of relMSE where that mean is .3."""
-
-
-@dataclass(frozen=True, eq=False)
-class Density:
-    """Numbers of camera samples of the pixels of one colour, in proportion, and what is expected of them.
-
-    Attributes
-    ----------
-    samples
-        ``(A, B)``.
-    confidence
-        t; 0 where all pixels have the same number.
-    predicted
-        Error over that of equal numbers at equal cost.
-    """
-
-    samples: Array
-    confidence: float
-    predicted: float
-
-
-def sample_density(variance: Array, cost: Array | float, exponent: float) -> Array:
-    """Return numbers of camera samples in proportion, for a variance and a cost of each."""
-    # n ~ (V / C)^(1 / (1 + a))
-    return np.asarray((variance / cost) ** (1 / (1 + exponent)))
 
 
 def variance_of_mean(first: Pilot) -> Array:
@@ -130,8 +104,10 @@ def density_of_colour(
     error: str,
     exponent: float,
     path: bool = False,
-) -> Density:
-    """Return the numbers of samples of the pixels of one colour, from the samples of the others.
+) -> tuple[Array, float, float]:
+    """Return numbers of camera samples of the pixels of one colour, in proportion, from the samples of the others.
+
+    And t, 0 where all pixels have the same number, and the predicted error over that of equal numbers at equal cost.
 
     `variance` is `variance_of_mean`, `independent` is `sample_variance`, and `cost` that of a camera sample of each
     pixel, ``(H, W)``; for `error` and `exponent`, a, see `dmis.fit.auto.Auto`. On a `path` spikes do not judge: with
@@ -154,7 +130,8 @@ def density_of_colour(
         predicted, measured, cost[judge], n_1, first.budget, exponent, CONFIDENCES[error], PATH_PRICE if path else PRICE
     )
     v = neighbour_variance(weighted, spikes_of(independent, weight, others), colour)[COLOURS[colour]]
-    return Density(sample_density(v**t, cost[COLOURS[colour]], exponent), t, gain)
+    # n ~ (V^t / C)^(1 / (1 + a))
+    return np.asarray((v**t / cost[COLOURS[colour]]) ** (1 / (1 + exponent))), t, gain
 
 
 def error_weight(first: Pilot, colour: int, error: str) -> Array:

@@ -24,7 +24,7 @@ class SecondMoment(PooledRule):
 
     The pilot gives unbiased curves V(w) (`dmis.variance.curves`), which are averaged over patches, filtered, weighed
     with the cost of a camera sample at w (`dmis.estimator.cost`) such that the image's error times its time is least
-    (`dmis.fit.curve_minimum.cost_weighted`), and minimised on a grid of shares. The closest relative is Grittmann et
+    (`dmis.fit.curve_minimum.guarded_argmin`), and minimised on a grid of shares. The closest relative is Grittmann et
     al. 2022, "Efficiency-aware multiple importance sampling for bidirectional rendering algorithms" (ACM Transactions
     on Graphics 41(4)), where the samples of one combination of techniques give the efficiencies of many others.
 
