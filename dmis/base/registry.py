@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import UserDict
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from typing import Any, TypeVar
 
 from dmis.base.plugins import origin
@@ -13,7 +17,21 @@ from dmis.base.validate import did_you_mean
 T = TypeVar("T")
 
 
-class Registry(dict[str, T]):
+@dataclass(frozen=True)
+class Later:
+    """A value of a `module` that is imported when the value is first used; with `arguments` a partial call of it."""
+
+    module: str
+    name: str
+    arguments: tuple[Any, ...] = ()
+
+    def load(self) -> Any:
+        """Return the value."""
+        value = getattr(import_module(self.module), self.name)
+        return partial(value, *self.arguments) if self.arguments else value
+
+
+class Registry(UserDict[str, T]):
     """Values of one kind by name, such as the rules.
 
     Parameters
@@ -21,7 +39,7 @@ class Registry(dict[str, T]):
     kind
         What messages call a value, such as ``rule``.
     shipped
-        Values that come with dmis, which every process knows.
+        Values that come with dmis, which every process knows; or `Later`.
     joint
         What joins the words of a name: ``_`` or ``-``.
     reserved
@@ -33,17 +51,24 @@ class Registry(dict[str, T]):
     def __init__(
         self,
         kind: str,
-        shipped: Mapping[str, T],
+        shipped: Mapping[str, T | Later],
         joint: str = "_",
         reserved: Mapping[str, str] | None = None,
         source: Callable[[T], Any] | None = None,
     ) -> None:
-        super().__init__(shipped)
+        super().__init__()
+        self.data: dict[str, Any] = dict(shipped)
         self.kind = kind
         self.shipped = frozenset(shipped)
         self._joint = joint
         self._reserved = reserved or {}
         self._source = source or (lambda value: value)
+
+    def __getitem__(self, name: str) -> T:
+        """Return the value of a name; a KeyError if there is none."""
+        if isinstance(value := self.data[name], Later):
+            value = self.data[name] = value.load()
+        return value
 
     def add(self, name: str, value: T) -> None:
         """Add a value, see `check`."""

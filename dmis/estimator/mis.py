@@ -20,10 +20,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from dmis.base.plugins import guarded
-from dmis.base.registry import Registry
+from dmis.base.registry import Later, Registry
 from dmis.base.validate import check_array, number, positive
 from dmis.base.vectors import TINY, Array
-from dmis.estimator.optimal_mis import Optimal
 from dmis.estimator.records import Record
 
 Heuristic = Callable[[Sequence[Array], int], Array]
@@ -164,24 +163,16 @@ class Frozen(Combiner):
         return super().weight([shares[k]] * len(shares), pdf, k)
 
 
-@dataclass(frozen=True)
-class OptimalMIS(Combiner):
-    """Balance, and a correction of each pixel by the optimal weights, see `dmis.estimator.optimal_mis`."""
-
-    name: str = "optimal"
-    is_heuristic: bool = False
-    fits_pixels: bool = True
-
-    def collector(self, shares: Array, samples: Array) -> Collector:
-        """Return the sums of the direct form."""
-        return Optimal(shares, samples)
-
-
 FAMILIES: dict[str, tuple[Callable[[float], Heuristic], float]] = {"power": (power, 2.0), "cutoff": (cutoff, 0.1)}
 """Heuristics of a parameter, by name, and its default."""
 COMBINERS: Registry[Combiner] = Registry(
     "combiner",
-    {c.name: c for c in (Combiner("balance"), Combiner("maximum", maximum), Frozen(), OptimalMIS())},
+    {
+        "balance": Combiner("balance"),
+        "maximum": Combiner("maximum", maximum),
+        "frozen": Frozen(),
+        "optimal": Later("dmis.estimator.optimal_mis", "OPTIMAL"),
+    },
     reserved=dict.fromkeys(FAMILIES, "dmis has it for heuristics of a parameter"),
     source=lambda combiner: combiner.heuristic,
 )

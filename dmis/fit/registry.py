@@ -11,14 +11,11 @@ from inspect import signature
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from dmis.base.plugins import loaded_plugins, raised
-from dmis.base.registry import Registry
+from dmis.base.registry import Later, Registry
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
-from dmis.fit.auto import Auto
 from dmis.fit.fixed import Fixed
 from dmis.fit.rule import Rule, check_form
-from dmis.fit.second_moment import SecondMoment
-from dmis.fit.thesis import Thesis
 
 RULES: Registry[Callable[..., Rule]] = Registry(
     "rule",
@@ -28,10 +25,10 @@ RULES: Registry[Callable[..., Rule]] = Registry(
         "pbrt": partial(Fixed, 0.5, combiner="power"),
         "one-sample": partial(Fixed, allocation="random"),
         "uniform": partial(Fixed, 1.0, techniques=("uniform", "brdf")),
-        "thesis": Thesis,
-        "second-moment": SecondMoment,
-        "counts": partial(Auto, False),
-        "auto": Auto,
+        "thesis": Later("dmis.fit.thesis", "Thesis"),
+        "second-moment": Later("dmis.fit.second_moment", "SecondMoment"),
+        "counts": Later("dmis.fit.auto", "Auto", (False,)),
+        "auto": Later("dmis.fit.auto", "Auto"),
     },
     joint="-",
     reserved={"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"},

@@ -17,7 +17,6 @@ from dmis.base.vectors import Array
 from dmis.base.window import Window
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.settings import Settings
-from dmis.fit.auto import Auto
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget
@@ -180,7 +179,7 @@ def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:
     """
     if settings.preset is not None:
         return PRESETS[settings.preset].rule, ""
-    auto, most = Auto(), LEVELS[-1] // 2
+    auto, most = make_rule("auto"), LEVELS[-1] // 2
     reason = f"more than {most:,} samples per pixel, rendered with w = 1/2" if spp > most else auto.fallback(spp)
     try:
         merged, _ = merge_settings(settings, None, auto, "auto")

@@ -21,13 +21,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from dmis.base.plugins import checked, is_shipped
-from dmis.base.registry import Registry
+from dmis.base.registry import Later, Registry
 from dmis.base.validate import check_array
 from dmis.base.vectors import Array, Selection, size, take
-from dmis.samplers.lowdiscrepancy import LowDiscrepancy
 from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PICK, PixelBlock
-from dmis.samplers.sobol import Sobol
-from dmis.samplers.stratified import Stratified
 
 
 def stream(seed: int, pass_: int, tile: int) -> np.random.Generator:
@@ -223,7 +220,12 @@ SamplerFactory = Callable[[PixelBlock], Sampler]
 """Makes the sampler of the pixels of one tile."""
 SAMPLERS: Registry[SamplerFactory] = Registry(
     "sampler",
-    {"independent": Independent, "stratified": Stratified, "sobol": Sobol, "lowdiscrepancy": LowDiscrepancy},
+    {
+        "independent": Independent,
+        "stratified": Later("dmis.samplers.stratified", "Stratified"),
+        "sobol": Later("dmis.samplers.sobol", "Sobol"),
+        "lowdiscrepancy": Later("dmis.samplers.lowdiscrepancy", "LowDiscrepancy"),
+    },
     reserved={"auto": "it stands for the default one"},
 )
 """By name; `register_sampler` adds to it."""

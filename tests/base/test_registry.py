@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from helpers import fresh_python
 
 import dmis
-from dmis.base.registry import Registry
+from dmis.base.registry import Later, Registry
 from dmis.estimator.mis import COMBINERS, balance
 from dmis.estimator.technique import BRDF, TECHNIQUES
 from dmis.fit.registry import RULES
@@ -108,3 +109,12 @@ def test_unknown_names() -> None:
     assert str(registry.unknown("x", " or a file", ". Make it")) == (
         "lamp must be one of sphere, quad or a file; got 'x'. Make it"
     )
+
+
+def test_values_that_are_imported_when_they_are_used() -> None:
+    """Alone, or with arguments; names are known without an import."""
+    registry: Registry[Any] = Registry("number", {"root": Later("math", "sqrt"), "power": Later("math", "pow", (2,))})
+    assert list(registry) == ["root", "power"] and isinstance(registry.data["root"], Later)
+    assert registry["root"](4) == 2 and registry["power"](3) == 8 and registry.data["root"] is registry["root"]
+    code = "import sys, dmis.fit.registry as r; r.make_rule('balance'); print('dmis.fit.thesis' in sys.modules)"
+    assert fresh_python(code).split() == ["False"]
