@@ -27,7 +27,7 @@ import scipy.stats
 import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
-from dmis.brdf.materials import Material
+from dmis.brdf.materials import Material, plastic
 from dmis.estimator.mis import COMBINERS
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import TECHNIQUES
@@ -37,11 +37,12 @@ from dmis.fit.round import Round
 from dmis.fit.rule import merge_settings
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.intersect import Hits
+from dmis.light.area import SphereLight
 from dmis.pipeline.result import Result
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene
-from dmis.testing.scenes import surface
+from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import sphere_rule
 
 LEVEL = 1 - 0.99 ** (1 / 1000)
@@ -247,6 +248,17 @@ def mean_and_error(images: Any) -> tuple[float, float]:
     pixels = np.mean(images, axis=-1, dtype=float)
     # Var(mean) = sum of Var(pixel) / (pixels^2 seeds)
     return float(pixels.mean()), float(np.sqrt(pixels.var(axis=0, ddof=1).mean() / pixels.size))
+
+
+LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
+
+
+@cache
+def lamp_images(rule: Any, first: int = 0, roughness: float = 0.1, **settings: Any) -> Array:
+    """Two images of a glossy floor under `LAMP`, a large sphere."""
+    scene = box_scene(plastic(0.3, 0.3, roughness), (LAMP,), resolution=(28, 28))
+    seeds = (first, first + 1)
+    return np.array([dmis.render(scene, rule, 32, seed=s, parallel=1, **settings).image for s in seeds])
 
 
 def z_score(a: Array, b: Array | float) -> float:

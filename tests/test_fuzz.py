@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 import dmis
 from dmis.cli.commands import main
 from dmis.experiment.reference import load_reference
-from dmis.fit.registry import make_rule
 from dmis.geometry.mesh_files import placed_geometries
 from dmis.image import read_exr, write_exr
 from dmis.scene.scene import Scene
@@ -260,23 +259,6 @@ def test_images_that_say_too_much(tmp_path, monkeypatch):
     monkeypatch.setattr("dmis.image.MAX_CHANNELS", 8)
     with pytest.raises(ValueError, match=r"at most 8 channels, .* got 9 of 8x2"):
         read_exr(tmp_path / "a.exr")
-
-
-@pytest.mark.parametrize(
-    ("rule", "message"),
-    [
-        ("thesis:patch=99999999999999999999", "1 to 65535 pixels"),
-        ("thesis:size=999999999", "1 to 1001"),
-        ("thesis:sigma=inf", "positive and finite"),
-        ("second-moment:size=999999999", "1 to 1001"),
-        ("second-moment:patch=99999999999999999996", "at most 65536"),
-        ("second-moment:sigma=inf", "positive and finite"),
-    ],
-)
-def test_rules_that_ask_for_too_much(rule, message):
-    """Each of these is arrays of that size, or a pilot of that many passes."""
-    with pytest.raises(ValueError, match=message):
-        make_rule(rule)
 
 
 def test_no_memory_is_an_error(folder, monkeypatch, capsys):

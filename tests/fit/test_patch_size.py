@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers import Z_LIMIT, z_score
 
-import dmis
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.fit.patch_size import SIZES, choose_patch
@@ -44,13 +43,6 @@ def test_planted_patterns(side: int, floor: float) -> None:
     """Squares of a checkerboard are found, from two samples at each share, although the noise is as large as V."""
     sizes = [choose_patch(W, sampled(parabolas(checkers(side), floor), seed), fit_patches)[0] for seed in range(5)]
     assert np.mean(np.array(sizes) == side) >= 0.8
-
-
-def test_smooth_noisy_maps_get_large_patches() -> None:
-    """Where the minimum is the same everywhere, the largest patch has the least noise."""
-    variance = parabolas(np.full((128, 128), 0.3), 1.0)
-    sizes = [choose_patch(W, sampled(variance, seed), fit_patches)[0] for seed in range(5)]
-    assert np.mean(np.array(sizes) == SIZES[-1]) >= 0.8
 
 
 @pytest.mark.parametrize(("side", "floor", "smallest"), [(16, 0.05, True), (999, 1.0, False)])
@@ -111,13 +103,3 @@ def test_any_resolution(shape: tuple[int, int]) -> None:
 def test_black_pilot() -> None:
     """Of equal scores the largest size is taken."""
     assert choose_patch(W, np.zeros((3, 64, 64)), fit_patches) == (SIZES[-1], pytest.approx(np.zeros(4)))
-
-
-def test_renders(box: dmis.Scene) -> None:
-    """The rule renders by its text; its map has patches of one of the sizes, and the provenance says what was asked."""
-    result = dmis.render(box, "thesis:patch=auto", 16, seed=1)
-    sizes, scores = result.maps["sizes"]
-    chosen = int(sizes[scores.argmin()])
-    height, width = result.weight.shape
-    assert result.maps["filtered"].shape == (-(-height // chosen), -(-width // chosen))
-    np.testing.assert_array_equal(result.weight, dmis.render(box, f"thesis:patch={chosen}", 16, seed=1).weight)

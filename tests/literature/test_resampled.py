@@ -1,15 +1,14 @@
 """Resampling: one sample out of M has the right mean, and a nearly constant factor where nothing is in between."""
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, images_z_score, results_z, z_score
+from helpers import LAMP, Z_LIMIT, images_z_score, lamp_images, results_z, z_score
 
 import dmis
-from dmis.base.vectors import Array, dot
+from dmis.base.vectors import dot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import plastic
 from dmis.estimator.settings import Settings
@@ -19,7 +18,6 @@ from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import polar
 
 pytestmark = pytest.mark.usefixtures("literature")
-LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
 RULES = (
     "resampled:1",
     "resampled:0.5",
@@ -29,18 +27,11 @@ RULES = (
 )
 
 
-@cache
-def images(rule: str, first: int, roughness: float) -> Array:
-    """Two images of a glossy floor under a large sphere."""
-    scene = box_scene(plastic(0.3, 0.3, roughness), (LAMP,), resolution=(32, 32))
-    return np.array([dmis.render(scene, rule, 32, seed=s, parallel=1).image for s in (first, first + 1)])
-
-
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("roughness", [0.01, 0.1, 1.0])
 def test_it_is_unbiased(rule: str, roughness: float) -> None:
     """Against light and BRDF samples with the balance heuristic."""
-    assert abs(images_z_score(images(rule, 0, roughness), images("balance", 500, roughness))) < Z_LIMIT
+    assert abs(images_z_score(lamp_images(rule, 0, roughness), lamp_images("balance", 500, roughness))) < Z_LIMIT
 
 
 @pytest.mark.parametrize("roughness", [0.1, 1.0])

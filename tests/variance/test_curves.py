@@ -43,13 +43,6 @@ def test_curves_of_other_heuristics(combiner: str) -> None:
         assert unbiased(sums["curve"][g], total - position)
 
 
-def test_lights_add_up() -> None:
-    """Two equal lights have twice the curve of one, and four times its Var_y(I), because both vary together with y."""
-    sums = pilot(40_000, 6, seed=2, keys=2).sums()
-    total, position = exact(0.5, 2)
-    assert unbiased(sums["curve"][HALF], 2 * (total - position)) and unbiased(sums["position"], 4 * position)
-
-
 def test_surfaces_of_a_path_add_up() -> None:
     """One surface, then two that see the same y: their own noise adds up, and uneven counts go along, so that Var_y(D)
     is nine times that of one.
