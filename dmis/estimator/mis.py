@@ -19,8 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dmis.base.plugins import guarded
-from dmis.base.registry import Later, Registry
+from dmis.base.plugins import Later, Registry, guarded
 from dmis.base.validate import check_array, number, positive
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.records import Record

@@ -12,8 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from dmis.base.plugins import guarded, is_shipped
-from dmis.base.registry import Registry
+from dmis.base.plugins import Registry, guarded, is_shipped
 from dmis.base.validate import check_array, number, whole
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
@@ -108,7 +107,7 @@ def register_technique(technique: Technique) -> None:
 def check_technique_form(technique: Technique) -> None:
     """Raise a ValueError if a technique cannot be one beside those that are registered.
 
-    Its name must be right (`dmis.base.registry.Registry.check`); its kind of rays must not be that of other rays;
+    Its name must be right (`dmis.base.plugins.Registry.check`); its kind of rays must not be that of other rays;
     sample and pdf must be functions, and it needs 2 to 4 uniform numbers.
     """
     if not isinstance(technique, Technique):

@@ -61,11 +61,21 @@ def guarded_argmin(curves: PatchCurves, cost: Array, guard: float, allowed: np.n
 
     The error of an image times its time is ``sum(V / n) sum(n C)`` over patches. With the same number n of samples in
     all of them that is least where each minimises ``V + price C``, the price being ``sum V / sum C``: dark patches
-    had better be cheap. C is the `cost` of a camera sample at each share, ``(G,)``.
+    had better be cheap.
 
-    The baseline point is left only for a gain of more than `guard` standard errors, in variance alone too: a lower
-    cost is always certain, and would decide alone where the pilot has no information. And only for shares that are
-    `allowed` ``(G,)``.
+    Parameters
+    ----------
+    curves
+        Variance V of each patch at the G shares of the grid.
+    cost
+        Cost C of a camera sample at each share, ``(G,)``.
+    guard
+        Leave the baseline point only for a gain of more than this many standard errors, in variance alone too: a lower
+        cost is always certain, and would decide alone where the pilot has no information.
+    allowed
+        Shares that may be used, ``(G,)`` bool, see `allowed_weights`.
+    price
+        Variance that a unit of cost is worth.
     """
     index = np.empty(curves.position.shape, np.intp)
     for rows in row_blocks(len(index)):  # curves are large, and intermediate results are larger

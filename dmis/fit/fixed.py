@@ -20,9 +20,20 @@ from dmis.fit.rule import OptionRule, Rule
 class Fixed(OptionRule):
     """Take the same share w of light samples everywhere, without a pilot: ``fixed:0.3``.
 
-    For more than two `techniques` w is the shares of all of them. With ``weigh="heuristic"`` w is the share that the
-    heuristic uses, and all techniques take the same number of samples (docs/theory.md, Eq. 8a). Options that are None
-    are as the settings say.
+    Parameters
+    ----------
+    w
+        Share of the first of two techniques; of more techniques the shares of all, of sum 1. Text gives a share of each
+        by name: ``fixed:light=0.5,brdf=0.3,uniform=0.2``.
+    techniques
+        Names of the techniques.
+    combiner, allocation, sampler, compensation
+        See `dmis.estimator.settings.Settings`.
+    weigh
+        What w is: ``samples``, the share of the samples; or ``heuristic``, the share that the heuristic uses, while all
+        techniques take the same number of samples (docs/theory.md, Eq. 8a).
+
+    Options that are None are as the settings say.
     """
 
     w: Weight = 0.5
@@ -51,6 +62,7 @@ class Fixed(OptionRule):
         return isinstance(self.w, tuple)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        """Return the given shares; there is no pilot."""
         return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)
 
 

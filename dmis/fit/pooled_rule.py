@@ -48,6 +48,23 @@ class PooledRule(OptionRule):
         Of skies, for pilot and final samples, see `dmis.estimator.settings.Settings`.
 
     The last four are as the settings say where they are None.
+
+    Examples
+    --------
+    A rule that divides samples in proportion to the root mean square of what each technique estimates::
+
+        def squares(x, d):
+            return x * x
+
+
+        class Squares(dmis.PooledRule):
+            statistic = partial(dmis.Gather, squares)
+
+            def fit(self, pilot):
+                means, _ = self.pooled(pilot[0.5])
+                light, brdf = np.sqrt(np.maximum(means["values"], 1e-12))
+                shape = pilot[0.5].moments.mean.shape[:2]
+                return dmis.Fit(patch_spread(light / (light + brdf), self.patch, shape))
     """
 
     patch: int = 4
@@ -87,6 +104,7 @@ class PooledRule(OptionRule):
 
     @property
     def pilot(self) -> Mapping[Weight, int]:
+        """Samples of the pilot, at w = 1/2."""
         return {0.5: self.spp}
 
     def pooled(self, pilot: Pilot) -> tuple[dict[str, Array], Array]:

@@ -10,8 +10,7 @@ from functools import partial
 from inspect import signature
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from dmis.base.plugins import loaded_plugins, raised
-from dmis.base.registry import Later, Registry
+from dmis.base.plugins import Later, Registry, loaded_plugins, raised
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.fixed import Fixed

@@ -20,8 +20,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from dmis.base.plugins import checked, is_shipped
-from dmis.base.registry import Later, Registry
+from dmis.base.plugins import Later, Registry, checked, is_shipped
 from dmis.base.validate import check_array
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PICK, PixelBlock
@@ -239,7 +238,7 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     factory
         ``(block) -> Sampler``, such as a class; `block` is a `dmis.samplers.pixel_block.PixelBlock`.
 
-    A ValueError if the name is not right, see `dmis.base.registry.Registry.check`, or `factory` cannot be called.
+    A ValueError if the name is not right, see `dmis.base.plugins.Registry.check`, or `factory` cannot be called.
     """
     SAMPLERS.add(name, factory)
 

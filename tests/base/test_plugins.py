@@ -91,7 +91,7 @@ def test_a_plugin_without_a_rule_is_named(tmp_path: Path, capsys: pytest.Capture
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("absent.py", None, r"no such plugin: .*absent\.py; a plugin must be a Python file"),
+        ("absent.py", None, r"no such plugin: .*absent\.py; a plugin must be a Python file, or one of dmis: .*"),
         (
             "my_rules.txt",
             "",

@@ -10,7 +10,7 @@ import pytest
 from helpers import fresh_python
 
 import dmis
-from dmis.base.registry import Later, Registry
+from dmis.base.plugins import Later, Registry
 from dmis.estimator.mis import COMBINERS, balance
 from dmis.estimator.technique import BRDF, TECHNIQUES
 from dmis.fit.registry import RULES
