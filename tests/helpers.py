@@ -55,11 +55,10 @@ LITERATURE = Path(__file__).parents[1] / "examples" / "literature"
 """Folder of the plug-ins with rules of papers."""
 
 
-def load_literature(*stems: str) -> SimpleNamespace:
-    """Load plug-ins of `LITERATURE`, all by default, and return the modules of its files by name."""
-    for stem in stems or [path.stem for path in LITERATURE.glob("*.py")]:
-        dmis.load_plugin(stem)
-    return SimpleNamespace(**{path.stem: sys.modules.get(path.stem) for path in LITERATURE.glob("*.py")})
+def load_literature() -> SimpleNamespace:
+    """Load the plug-ins of `LITERATURE`, and return their modules by name."""
+    stems = [path.stem for path in LITERATURE.glob("*.py")]
+    return SimpleNamespace(**{stem: dmis.load_plugin(stem) for stem in stems})
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cache, partial, wraps
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
@@ -42,8 +42,8 @@ def loaded_plugins() -> tuple[Path, ...]:
     return tuple(_LOADED)
 
 
-def load_plugin(file: str | os.PathLike[str]) -> None:
-    """Import a Python file as a module of its name; a file that was loaded before is not loaded again.
+def load_plugin(file: str | os.PathLike[str]) -> ModuleType:
+    """Return the module of a Python file, imported by its name; a file that was loaded before is not loaded again.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def load_plugin(file: str | os.PathLike[str]) -> None:
     shipped = (folder / f"{file}.py" for folder in _SHIPPED)
     path = next((path for path in shipped if path.is_file()), Path(file)).resolve()
     if path in _LOADED:
-        return
+        return sys.modules[path.stem]
     if not path.is_file():
         names = ", ".join(sorted(path.stem for folder in _SHIPPED for path in folder.glob("*.py")))
         raise FileNotFoundError(f"no such plugin: {file}; a plugin must be a Python file, or one of dmis: {names}")
@@ -78,6 +78,7 @@ def load_plugin(file: str | os.PathLike[str]) -> None:
         sys.path.remove(folder)
         raise ValueError(f"plugin {file} must have another name, because {name} is a Python module already: {module}")
     _LOADED.append(path)
+    return module
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +44,7 @@ def rules_of(text: str) -> dict[str, Any]:
     if not text.endswith(".py"):
         return {text: text}
     before, name = set(RULES), Path(text).stem
-    load_plugin(text)
-    rule = getattr(sys.modules[name], "rule", None)
+    rule = getattr(load_plugin(text), "rule", None)
     rules = (
         {registered: registered for registered in RULES if registered not in before} if rule is None else {name: rule}
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from dmis.base.plugins import load_plugin
@@ -17,9 +16,7 @@ def check(options: argparse.Namespace) -> int:
     file = Path(options.file)
     if not file.is_file():
         raise FileNotFoundError(f"no such file: {file}; check needs a Python file with the code to check")
-    load_plugin(file)
-    module = sys.modules[file.stem]
-    subjects = find(module)
+    subjects = find(load_plugin(file))
     if not subjects:
         raise ValueError(f"{file} must define something to check; it defines none of: {RECOGNISED}")
     if options.albedo and all(subject.kind != "lobe" for subject in subjects):

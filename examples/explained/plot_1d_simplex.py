@@ -16,9 +16,7 @@ from dmis.estimator.mis import balance
 from dmis.estimator.records import Record
 from dmis.examples.gallery import options, print_canvas
 
-dmis.load_plugin("simplex")
-from simplex import SimplexCurves, grid
-
+simplex = dmis.load_plugin("simplex")
 opts, _ = options("plot_1d_simplex", __doc__)
 rng = np.random.default_rng(1)
 
@@ -82,9 +80,9 @@ records = [
     for turn in range(PAIR)
 ]
 radiance = np.mean([record.value for record in records], axis=0)
-statistic = SimplexCurves(PIXELS, 3 * PAIR, (True, True, True))
+statistic = simplex.SimplexCurves(PIXELS, 3 * PAIR, (True, True, True))
 statistic.add(records, radiance, SPP)
-shares, _ = grid(3)
+shares, _ = simplex.grid(3)
 estimate = PAIR * statistic.sums()["curve"].mean(
     axis=1
 )  # of one sample; a final camera sample carries two

@@ -277,7 +277,7 @@ def best_points(curves, cost, guard, allowed, area):
     """Return the points of the grid, ``(rows, columns)``, for which the image's error times its time is least.
 
     That is ``sum V sum C`` over patches of the `area` ``(rows, columns)`` in pixels. Patches minimise ``V + price C``
-    (`dmis.fit.curve_minimum.cost_weighted`). At the minimum the price is ``sum V / sum C`` there, which may be far from
+    (`dmis.guarded_argmin`). At the minimum the price is ``sum V / sum C`` there, which may be far from
     that at `baseline_point`: a technique that costs twice as much may have a quarter of the variance. So prices from
     that at the baseline point downwards are tried.
     """

@@ -93,8 +93,7 @@ def _report(number: int, file: Path, seed: int, limits: Limits, folder: str, the
     hidden = None if file.is_relative_to(SOLUTIONS) else SOLUTIONS  # the solutions are checked, too
     sys.addaudithook(lambda event, arguments: _audit(event, arguments, Path(folder).resolve(), hidden))
     try:
-        load_plugin(file)
-        result: Any = EXERCISES[number](sys.modules[file.stem])
+        result: Any = EXERCISES[number](load_plugin(file))
     except (OSError, ValueError) as error:
         result = ValueError(str(error))
     there.send(result)
