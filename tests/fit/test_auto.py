@@ -43,8 +43,6 @@ EVEN = np.ones((16, 16, 3))
 FLAT = np.ones(len(SHARES))
 N = 8
 """Camera samples of a first round."""
-LIGHTS = 2
-"""Lights of a random pilot."""
 Z_LIMIT = 4.5
 
 
@@ -112,23 +110,14 @@ def decided_patterns(looked: Pilot, guard: float = 0.0) -> tuple[PatternChoice |
     return decide_patterns(looked, "relative", guard, 1.4)
 
 
-def costs(lights: int = 1) -> Array:
-    """Return the cost of a camera sample with each pattern, over that of the pattern 1:1.
-
-    Of 2000 light and 2000 BRDF samples 1900 and 1300 trace a ray, which costs .4, after .25 for each light.
-    """
-    n_l, n_b = np.transpose(PATTERNS)
-    cost = 1 + n_l * (0.25 * lights + 0.4 * 0.95) + n_b * (0.25 * lights + 0.4 * 0.65)
-    return cost / cost[EQUAL]
-
-
 # --- patterns
 
 
 def test_best_pattern_by_the_formula() -> None:
     """The least V C^a, for random curves; other shares than a half only where the curve is below."""
     rng, a = np.random.default_rng(5), 1.4
-    curve, place, cost = rng.lognormal(0, 1, (len(SHARES), 1, 200)), rng.lognormal(-1, 1, (1, 200)), costs()
+    curve, place = rng.lognormal(0, 1, (len(SHARES), 1, 200)), rng.lognormal(-1, 1, (1, 200))
+    cost = np.array([1 + 0.63 * n_l + 0.51 * n_b for n_l, n_b in PATTERNS])
     curves = PatchCurves(curve, (curve - curve[HALF]) ** 2, place, np.full((1, 200), 12.0), HALF)
     patterns = pattern_errors(curves, cost, np.ones(len(SHARES), bool), 0.0, a).argmin(axis=0)
     v = np.array([place + 2 * curve[g] / s for g, s in zip(SHARE_OF, SAMPLES_OF)])
@@ -271,7 +260,7 @@ def test_lights_that_few_samples_see() -> None:
     looked = pilot(curve)
     choice, _ = decided_patterns(replace(looked, sums={**looked.sums, "lights": lights}))
     assert choice is not None and (choice.halvings[1, :, 0] > choice.halvings[1, :, 3]).all()
-    of_pattern, of_lights = pattern_costs(RAYS, 4, ("light", "brdf"), LIGHTS)
+    of_pattern, of_lights = pattern_costs(RAYS, 4, ("light", "brdf"), 2)
     k = choice.pattern[0, 0]
     part = 2.0 ** -choice.halvings[:, 0, 0].astype(float)
     assert choice.cost[0, 0] == pytest.approx(of_pattern[k] - (of_lights[:, k] * (1 - part)).sum())
@@ -512,10 +501,6 @@ def leak(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sample_density, "PRICE", 10.0)
 
 
-def test_images_of_few_samples_are_unbiased() -> None:
-    assert np.abs(z_of("auto", 16, 40)).max() < Z_LIMIT
-
-
 @pytest.mark.parametrize(
     ("spp", "seeds"), [(16, 40), *(pytest.param(spp, 1000, marks=pytest.mark.slow) for spp in (16, 32))]
 )
@@ -525,8 +510,11 @@ def test_bias_of_own_samples_is_seen(leak: None, spp: int, seeds: int) -> None:
     assert z_of(rule, spp, seeds)[-1] < -z_limit
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("spp", [16, 32])
-@pytest.mark.parametrize("rule", ["auto", "counts", "auto:guard=0"])
-def test_many_images_of_few_samples_are_unbiased(rule: str, spp: int) -> None:
-    assert np.abs(z_of(rule, spp, 1000)).max() < Z_LIMIT
+LONG = [(rule, spp, 1000) for rule in ("auto", "counts", "auto:guard=0") for spp in (16, 32)]
+
+
+@pytest.mark.parametrize(
+    ("rule", "spp", "seeds"), [("auto", 16, 40), *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG)]
+)
+def test_images_of_few_samples_are_unbiased(rule: str, spp: int, seeds: int) -> None:
+    assert np.abs(z_of(rule, spp, seeds)).max() < Z_LIMIT

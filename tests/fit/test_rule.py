@@ -171,9 +171,7 @@ def test_a_conflict_names_rule_and_option(box: dmis.Scene, rule: Any, setting: d
 def test_a_pilot_of_no_numbers_is_refused(box: dmis.Scene, pilot: dict[Any, Any]) -> None:
     rule = Constant()
     rule.pilot = pilot  # type: ignore[misc]
-    with pytest.raises(
-        ValueError, match=r"(samples|shares) of the pilot of rule Const.* must be a .*number .*; got "
-    ):
+    with pytest.raises(ValueError, match=r"(samples|shares) of the pilot of rule Const.* must be a .*number .*; got "):
         dmis.render(box, rule, 16)
 
 
