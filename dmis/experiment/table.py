@@ -1,22 +1,19 @@
-"""Files of a comparison, from which an interrupted one is resumed.
+"""Files of a comparison, which the same command continues.
 
-``results.csv`` has a row for each render, ``comparison.json`` the conditions of the measurement, ``images/`` an EXR
-file for each rule and budget.
+``results.csv`` has a row for each render, ``comparison.json`` the conditions of the measurement, ``images/`` the
+reference and an EXR file for each rule and budget.
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
-import io
 import json
-import math
 import os
 import re
-import warnings
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,7 +27,7 @@ from dmis.base.window import window_area
 from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, Measure
-from dmis.experiment.metrics import mse, relative_error, relmse, share_of_few, squared_error
+from dmis.experiment.metrics import relative_error, share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, load_reference
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
@@ -51,6 +48,8 @@ REFERENCE = Path("images", "reference.exr")
 """The reference in the folder of a comparison."""
 FEW_LIMIT = 0.5
 """Share of an error in 1 % of the pixels, above which a comparison says that few pixels decide it."""
+AGAIN = "the command 'compare' that made the folder, run again, renders what is missing"
+"""Advice of errors about a folder that lacks something."""
 
 
 def conditions(
@@ -59,150 +58,102 @@ def conditions(
     parallel: Parallel = None,
     settings: Settings | None = None,
     crop: Sequence[int] | None = None,
+    rules: Iterable[str] = (),
 ) -> dict[str, Any]:
-    """Return what all rows of a table must share: scene, reference, crop, settings, executor, and the code of dmis."""
+    """Return what all rows of a table must share: scene, reference, crop, settings, executor, and all code.
+
+    A rule has a hash of its options, and of its class, sampler and techniques if dmis does not ship these.
+    """
     settings = merge_settings(settings or Settings(), scene)[0]
-    window_area(crop, scene.camera.resolution)  # a bad one is refused before anything is written
-    halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
-    return {
+    about = {
         "dmis": __version__,
         "package_hash": package_hash(),
         "scene": scene.name,
         "scene_hash": fingerprint(scene),
-        "resolution": list(scene.camera.resolution),
-        "reference": halves.hexdigest()[:16],
-        "crop": None if crop is None else list(crop),
+        "resolution": scene.camera.resolution,
+        "reference": hashlib.sha256(np.stack([reference.first, reference.second]).tobytes()).hexdigest()[:16],
+        "crop": crop,
         "parallel": describe_parallel(parallel),
         **sampling_hashes(vars(settings)),
-        **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()},
+        **asdict(settings),
     }
+    for text in rules:
+        rule = make_rule(text)
+        about[f"rule {text}"] = digest([rule, sampling_hashes({"techniques": (), **rule.settings})], f"rule {text}")
+    return dict(json.loads(json.dumps(about)))  # as a file has it: lists in the place of tuples
 
 
-def run_by_key(runs: Iterable[Run]) -> dict[tuple[str, int, int], Run]:
-    """Return `runs` by rule, samples per pixel and seed."""
+def run_by_key(runs: Iterable[Run]) -> dict[Turn, Run]:
+    """Return `runs` by rule, samples per pixel and seed; of several with one key the last."""
     return {(run.rule, run.spp, run.seed): run for run in runs}
 
 
-def cells(scene: str, run: Run, runs: Mapping[tuple[str, int, int], Run]) -> list[str]:
+def cells(scene: str, run: Run, runs: Mapping[Turn, Run]) -> list[str]:
     """Return the cells of a row: `run`, over the baselines with the same samples and seed, which are among `runs`.
 
-    Both ratios of the pinned baseline's own rows are 1: it is a balance heuristic, with independent points.
+    Ratios of the pinned baseline's own rows are 1: it is a balance heuristic, with independent points.
     """
     pinned = runs[PINNED, run.spp, run.seed]
     balance = pinned if run.rule == PINNED else runs["balance", run.spp, run.seed]
-    seconds = (run.pilot_seconds, run.fit_seconds, run.render_seconds, run.seconds)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
-        over_balance, over_pinned = np.divide(run.mse, [balance.mse, pinned.mse])
-        relative = np.divide(run.relmse, [balance.relmse, pinned.relmse])
-    return [
-        scene, run.rule, str(run.spp), str(run.seed), str(run.rays), *(f"{t:.4f}" for t in seconds),
-        f"{run.mse:.6g}", f"{run.relmse:.6g}", f"{over_balance:.5f}", f"{run.mse_error:.3g}",
-        f"{run.cpu_seconds:.4f}", f"{run.mean_z:.3f}", f"{over_pinned:#.5g}",
-        *(f"{ratio:#.5g}" for ratio in relative),
-    ]  # fmt: skip
+    values = {"scene": scene, "seconds": run.seconds, **asdict(run)}
+    for measure in MEASURES:
+        for name, baseline in (("balance", balance), ("pinned", pinned)):
+            with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
+                values[f"{measure}_over_{name}"] = np.divide(values[measure], getattr(baseline, measure))
+    return [_text(values[name]) for name in COLUMNS]
+
+
+def _text(value: object) -> str:
+    """Return a value as text, numbers that are not whole with six digits."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class Results:
-    """Table ``results.csv`` in `folder`, which is created if it does not exist.
+    """Table ``results.csv`` in `folder`, to which rows are added; without one, a new table.
 
-    A ValueError if the folder has rows that were measured under other conditions than `about` (see `conditions`), rows
-    of one of the `rules` to measure that has changed since, or rows that cannot be read or be right.
+    `runs` are those of its rows. A ValueError if these cannot be read, or were measured under other conditions than
+    `about`, see `conditions`; conditions of other rules stay.
     """
 
-    def __init__(
-        self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = (), reference: Reference | None = None
-    ) -> None:
+    def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
         self.folder = folder
         self._path = folder / "results.csv"
-        self.provenance: dict[Budget, Mapping[str, Any]] = {}
-        self._area = window_area(about.get("crop"), about["resolution"])
-        self._least = dict.fromkeys(("mse", "relmse", "mean_z"), -math.inf)
-        if reference is not None:  # (x - r1)(x - r2) is least where x is the mean of both
-            window = reference.cropped(self._area)
-            self._least |= {"mse": mse(window.mean, window), "relmse": relmse(window.mean, window)}
-        self.about = {**about, "rules": {rule: _rule_hash(rule) for rule in rules}}
-        (folder / REFERENCE).parent.mkdir(parents=True, exist_ok=True)
-        self.runs = self._read() if self._path.exists() else []
-        lines = [_line(COLUMNS), *map(self._row, self.runs)]
-        files = {"comparison.json": json.dumps(self.about, indent=2) + "\n", "results.csv": "".join(lines)}
-        for name, text in files.items():
+        self.about = dict(about)
+        self.runs: dict[Turn, Run] = {}
+        rows = f"{','.join(COLUMNS)}\n"
+        if self._path.exists():
+            before = read_conditions(folder)
+            changes = [f"{k} was {before[k]}, now is {v}" for k, v in about.items() if before.get(k, v) != v]
+            if changes:
+                raise refusal(self._path, f"was measured under other conditions: {'; '.join(changes)}")
+            self.about = before | self.about
+            self.runs = read_runs(self._path)
+            rows = _whole_lines(self._path) or rows
+        (folder / "images").mkdir(parents=True, exist_ok=True)
+        for name, text in (("comparison.json", json.dumps(self.about, indent=2) + "\n"), ("results.csv", rows)):
             with replacing(folder / name) as partial:
                 partial.write_text(text, "utf-8", newline="")
-        if reference is not None:
-            reference.save(folder / REFERENCE)
 
     def append(self, run: Run, result: Result | None = None) -> None:
-        """Add and write a row, and the image of a budget's first render.
+        """Add the row of a run, and the image if it is the first of its budget.
 
         Both baselines with the same samples and seed must have a row, the pinned one first.
         """
         budget = run.rule, run.spp
-        if result is not None and budget not in {(other.rule, other.spp) for other in self.runs}:
-            self.image(budget).parent.mkdir(exist_ok=True)
-            write_image(self.image(budget), result)
-        self.runs.append(run)
+        path = image_path(self.folder, budget)
+        if result is not None and not (path.exists() and budget in {key[:2] for key in self.runs}):
+            write_image(path, result)
+        digits: dict[str, Any] = {
+            name: float(_text(value)) for name, value in asdict(run).items() if isinstance(value, float)
+        }
+        run = replace(run, **digits)  # as it will be read
+        self.runs[run.rule, run.spp, run.seed] = run
         with naming(self._path), open(self._path, "a", newline="", encoding="utf-8") as file:
-            file.write(self._row(run))
+            csv.writer(file, lineterminator="\n").writerow(cells(self.about["scene"], run, self.runs))
 
-    def image(self, budget: Budget) -> Path:
-        """Return the path of the image of a budget."""
-        return image_path(self.folder, budget)
-
-    def layers(
-        self, budgets: Iterable[Budget], reference: Reference, again: Callable[[Turn], tuple[Result, float]]
-    ) -> dict[Budget, dict[str, Array]]:
-        """Return the images of `budgets`, with their layers RGB, weight, variance, samples and so on.
-
-        One that cannot be read, or whose error is in no row, is rendered `again` with a seed; a UserWarning says so.
-        `provenance` gets that of each.
-        """
-        images = {}
-        for budget in budgets:
-            path, rows = self.image(budget), [run for run in self.runs if (run.rule, run.spp) == budget]
-            try:
-                images[budget], self.provenance[budget] = read_image(path, rows, self.about, reference)
-            except (OSError, ValueError) as reason:
-                warnings.warn(f"{path} is rendered again: {reason}", stacklevel=3)
-                path.parent.mkdir(exist_ok=True)
-                result, _ = again((*budget, rows[0].seed))
-                write_image(path, result)
-                images[budget], self.provenance[budget] = read_exr(path)[0], result.provenance
-        return images
-
-    def _row(self, run: Run) -> str:
-        """Return the line of ``results.csv`` of a run."""
-        return _line(cells(self.about["scene"], run, run_by_key(self.runs)))
-
-    def _read(self) -> list[Run]:
-        """Return the runs that ``results.csv`` has, without a last line that an interruption has cut."""
-        if self._path.stat().st_size:
-            self._compare_conditions()
-        runs = list(
-            run_by_key(read_runs(self._path, self._least)).values()
-        )  # one of rows that two processes have written
-        pinned, balance = ({(r.spp, r.seed) for r in runs if r.rule == rule} for rule in (PINNED, "balance"))
-        return [r for r in runs if r.rule == PINNED or (r.spp, r.seed) in pinned & balance]
-
-    def _compare_conditions(self) -> None:
-        """Check that the rows were measured under the same conditions and with the same rules."""
-        try:
-            before = dict(json.loads((self.folder / "comparison.json").read_text("utf-8")))
-        except (OSError, ValueError, TypeError) as error:
-            raise refusal(
-                self._path, "has no readable comparison.json with the conditions of its measurement"
-            ) from error
-        rules = before.get("rules", {})
-        if changed := [name for name, now in self.about["rules"].items() if rules.get(name, now) != now]:
-            raise refusal(
-                self._path,
-                f"was measured with another rule {', '.join(changed)}: its options or its class changed, or its "
-                f"sampler or techniques",
-            )
-        self.about["rules"] = rules | self.about["rules"]
-        now = {name: value for name, value in self.about.items() if name != "rules"}
-        differences = [f"{k} was {before.get(k)}, now is {v}" for k, v in now.items() if before.get(k) != v]
-        if differences:
-            raise refusal(self._path, f"was measured under other conditions: {'; '.join(differences)}")
+    def finished(self) -> list[Run]:
+        """Return the runs of the budgets that have an image."""
+        return [run for run in self.runs.values() if image_path(self.folder, (run.rule, run.spp)).exists()]
 
 
 def refusal(path: Path, reason: str) -> ValueError:
@@ -210,42 +161,35 @@ def refusal(path: Path, reason: str) -> ValueError:
     return ValueError(f"{path} {reason}; remove it, or choose another directory")
 
 
-def read_runs(path: Path, least: Mapping[str, float]) -> list[Run]:
-    """Return the runs of a ``results.csv``; `least` has the least values of columns that may be negative."""
+def read_conditions(folder: Path) -> dict[str, Any]:
+    """Return the conditions of the comparison in a folder; a ValueError if its file is missing or damaged."""
+    try:
+        return dict(json.loads((folder / "comparison.json").read_text("utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        reason = f"has no readable comparison.json with the conditions of its measurement ({error})"
+        raise refusal(folder / "results.csv", reason) from error
+
+
+def _whole_lines(path: Path) -> str:
+    """Return a file without a last line that an interruption has cut."""
+    text = path.read_text("utf-8")
+    return text[: text.rfind("\n") + 1]
+
+
+def read_runs(path: Path) -> dict[Turn, Run]:
+    """Return the runs of a ``results.csv``, see `run_by_key`."""
+    parse = {"str": str, "int": int, "float": float}
     line, runs = 1, []
     try:
-        text = path.read_text("utf-8")
-        for line, row in enumerate(csv.reader(text.splitlines(keepends=True)), 1):
+        for line, row in enumerate(csv.reader(_whole_lines(path).splitlines()), 1):
             if line == 1 and tuple(row) != COLUMNS:
                 raise ValueError(f"its columns must be {','.join(COLUMNS)}")
-            if line > 1 and text.count("\n") >= line:  # the last line may be cut
-                runs.append(_run(row, least))
+            if line > 1:
+                value = dict(zip(COLUMNS, row, strict=True))
+                runs.append(Run(**{item.name: parse[str(item.type)](value[item.name]) for item in fields(Run)}))
     except (ValueError, csv.Error) as error:
         raise refusal(path, f"cannot be read in line {line} ({error})") from error
-    return runs
-
-
-def read_image(
-    path: Path, runs: Sequence[Run], about: Mapping[str, Any], reference: Reference
-) -> tuple[dict[str, Array], Mapping[str, Any]]:
-    """Return the layers of an image and its provenance.
-
-    A ValueError unless it is of one of the `runs` of a rule and budget, under the conditions `about`.
-    """
-    layers, attributes = read_exr(path)
-    if missing := {"RGB", "weight", "light_samples", "brdf_samples"} - set(layers):
-        raise ValueError(f"it has no layer {', '.join(sorted(missing))}")
-    provenance = json.loads(attributes.get("dmis.provenance", "{}"))
-    rule = "balance" if runs[0].rule == PINNED else runs[0].rule
-    keys = [{"scene_hash": about["scene_hash"], "rule": rule, "spp": run.spp, "seed": run.seed} for run in runs]
-    key = {name: provenance.get(name) for name in keys[0]}
-    if key not in keys:
-        raise ValueError(f"its provenance must have one of {keys}; got {key}")
-    area = window_area(about.get("crop"), about["resolution"])
-    error = mse(layers["RGB"][area], reference.cropped(area))
-    if not any(math.isclose(error, run.mse, rel_tol=1e-5) for run in runs):
-        raise ValueError(f"its mean squared error is {error:.6g}, that of no row of its rule and samples")
-    return layers, provenance
+    return run_by_key(runs)
 
 
 def image_path(folder: Path, budget: Budget) -> Path:
@@ -255,33 +199,6 @@ def image_path(folder: Path, budget: Budget) -> Path:
     if name != rule.replace(":", "-").replace(",", "-") or len(name) > 120:  # another rule may have the same name
         name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
     return folder / "images" / f"{name}-{spp}spp.exr"
-
-
-def _rule_hash(text: str) -> str:
-    """Return a hash of a rule's options, and of code that dmis does not ship: its class, own sampler and techniques."""
-    rule = make_rule(text)
-    return digest([rule, sampling_hashes({"techniques": (), **rule.settings})], f"rule {text}")
-
-
-def _line(cells: Iterable[str]) -> str:
-    """Return a line of a CSV file."""
-    text = io.StringIO()
-    csv.writer(text).writerow(cells)
-    return text.getvalue()
-
-
-def _run(row: list[str], least: Mapping[str, float]) -> Run:
-    """Return the run of a row of ``results.csv``; `least` has the least values of columns that may be negative."""
-    if len(row) != len(COLUMNS):
-        raise ValueError(f"{len(row)} values for {len(COLUMNS)} columns")
-    value, parse = dict(zip(COLUMNS, row)), {"str": str, "int": int, "float": float}
-    run = Run(**{field.name: parse[str(field.type)](value[field.name]) for field in fields(Run)})
-    for name, number in asdict(run).items():
-        low = least.get(name, 0)
-        is_unknown = name == "rule" or (name in ("mse_error", "cpu_seconds", "mean_z") and math.isnan(number))
-        if not is_unknown and not (math.isfinite(number) and number >= low - 1e-4 * abs(low)):
-            raise ValueError(f"{name} must be finite and at least {low:.4g}; got {number}")
-    return run
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,44 +275,51 @@ class Comparison:
         return max(len(by_seed) for by_seed in self.runs.values())
 
 
+def make_comparison(
+    folder: Path,
+    about: Mapping[str, Any],
+    runs: Mapping[Budget, Sequence[Run]],
+    reference: Reference,
+    oracle: Oracle | None = None,
+) -> Comparison:
+    """Return the comparison of runs whose images are in `folder`; a ValueError if one cannot be read."""
+    pictures, provenance = {}, {}
+    for budget in runs:
+        path = image_path(folder, budget)
+        try:
+            pictures[budget], attributes = read_exr(path)
+            provenance[budget] = json.loads(attributes["dmis.provenance"])
+        except (OSError, ValueError, KeyError) as error:
+            raise ValueError(
+                f"{path} must be an image that dmis rendered ({error!r}); remove it, and {AGAIN}"
+            ) from error
+    return Comparison(about, runs, pictures, reference, oracle, provenance)
+
+
 def read_comparison(folder: str | os.PathLike[str]) -> Comparison:
     """Return the comparison that a folder of ``compare`` holds, as its files tell it: nothing is rendered.
 
     Raises
     ------
     FileNotFoundError
-        If there is none, or its reference or an image is missing.
+        If there is none, or its reference is missing.
     ValueError
-        If a file is damaged.
+        If a file is damaged, or an image or a row is missing.
     """
     folder = Path(folder)
-    path, reference = folder / "results.csv", folder / REFERENCE
-    again = "the command 'compare' that made the folder, run again, renders what is missing"
+    path = folder / "results.csv"
     if not path.is_file():
         raise FileNotFoundError(
             f"{folder} has no results.csv: give a folder that dmis compare SCENE -o DIR has written"
         )
-    try:
-        about = dict(json.loads((folder / "comparison.json").read_text("utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise ValueError(f"{folder / 'comparison.json'} cannot be read ({error}): {again}") from error
-    by_budget: dict[Budget, list[Run]] = {}
-    for run in run_by_key(read_runs(path, dict.fromkeys(("mse", "relmse", "mean_z"), -math.inf))).values():
-        by_budget.setdefault((run.rule, run.spp), []).append(run)
-    if not by_budget:
-        raise ValueError(f"{path} has no rows: {again}")
-    # as `compare` has them: by samples, and the pinned baseline last
-    in_order = sorted(by_budget, key=lambda budget: (budget[1], budget[0] == PINNED))
-    runs = {budget: sorted(by_budget[budget], key=lambda run: run.seed) for budget in in_order}
-    seeds = {budget: [run.seed for run in of] for budget, of in runs.items()}
-    if unlike := [budget for budget, of in seeds.items() if of != seeds.get(("balance", budget[1]))]:
-        rule, spp = unlike[0]
-        raise ValueError(f"{path} has other seeds of {rule} than of balance at {spp} samples per pixel: {again}")
-    truth, pictures, provenance = load_reference(reference), {}, {}
-    for budget, by_seed in runs.items():
-        path = image_path(folder, budget)
-        try:
-            pictures[budget], provenance[budget] = read_image(path, by_seed, about, truth)
-        except (OSError, ValueError, KeyError) as reason:
-            raise ValueError(f"{path} must be the image of a run of results.csv: {reason}; {again}") from reason
-    return Comparison(about, runs, pictures, truth, None, provenance)
+    about = read_conditions(folder)
+    rows = sorted(read_runs(path).values(), key=lambda run: (run.spp, run.rule == PINNED, run.seed))
+    if not rows:
+        raise ValueError(f"{path} has no rows: {AGAIN}")
+    runs: dict[Budget, list[Run]] = {}
+    for run in rows:
+        runs.setdefault((run.rule, run.spp), []).append(run)
+    for (rule, spp), by_seed in runs.items():
+        if [run.seed for run in by_seed] != [run.seed for run in runs.get(("balance", spp), [])]:
+            raise ValueError(f"{path} has other seeds of {rule} than of balance at {spp} samples per pixel: {AGAIN}")
+    return make_comparison(folder, about, runs, load_reference(folder / REFERENCE))

@@ -5,19 +5,19 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterable, Sequence
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
+from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.convergence import MEASURES, gains, over_scenes
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, make_reference
-from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list, timed_render
-from dmis.experiment.table import Comparison, Results, conditions, run_by_key
+from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list
+from dmis.experiment.table import REFERENCE, Comparison, Results, conditions, make_comparison
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
 from dmis.pipeline.progress import Progress
@@ -88,7 +88,7 @@ def compare(
     ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` (with matplotlib) follow. Two
     baselines are always measured: the balance heuristic with these settings, and the pinned one
     (`dmis.experiment.runs.PINNED`). A rule whose pilot does not fit into a number of samples is left out there. Rows
-    that are in ``results.csv`` are not rendered again, unless their image is missing, damaged or another one.
+    that are in ``results.csv`` are not rendered again, unless the image of their rule and budget is missing.
 
     Parameters
     ----------
@@ -100,40 +100,40 @@ def compare(
     folder
         Output directory; an existing comparison in it is resumed. None: one with the scene's name.
     oracle
-        Oracle of the maps of regret; None: there are no such maps.
+        Oracle of the scene, whose best weights plots and report show; None: they do not.
     crop, progress, options
         See `dmis.experiment.runs.measure`.
 
     Raises
     ------
     ValueError
-        If arguments do not fit, rows of ``results.csv`` are damaged or of other conditions, or OpenEXR is missing.
+        If arguments do not fit, files of `folder` are damaged or of other conditions, or OpenEXR is missing.
     OSError
         If a file of `folder` cannot be written.
     """
     parallel = options.pop("parallel", None)
     settings, folder = make_settings(**options), Path(scene.name if folder is None else folder)
-    rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, oracle, settings)
+    window_area(crop, scene.camera.resolution)
+    rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, settings)
     check_output(folder)
     reference = reference or make_reference(scene, 1024, settings=settings, parallel=parallel, progress=progress)
-    results = Results(folder, conditions(scene, reference, parallel, settings, crop), rules, reference)
+    results = Results(folder, conditions(scene, reference, parallel, settings, crop, rules))
+    reference.save(folder / REFERENCE)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if make_rule(rule).pilot_samples(n) < n]
     measure(
-        scene, [*pinned, *budgets], seeds, reference, done=tuple(results.runs), record=results.append,
+        scene, [*pinned, *budgets], seeds, reference, done=results.finished(), record=results.append,
         progress=progress, crop=crop, parallel=parallel, settings=settings,
     )  # fmt: skip
-    rows = run_by_key([*results.runs, *Results(folder, results.about).runs])  # the latter's digits, if it has the row
-    in_order = ((rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets})
-    runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    layers = results.layers(runs, reference, partial(timed_render, settings, parallel, scene))
-    comparison = Comparison(results.about, runs, layers, reference, oracle, results.provenance)
+    in_order = sorted(dict.fromkeys([*budgets, *pinned]), key=lambda budget: spp.index(budget[1]))
+    runs = {budget: [results.runs[*budget, seed] for seed in seeds] for budget in in_order}
+    comparison = make_comparison(folder, results.about, runs, reference, oracle)
     _draw(comparison, folder)
     return comparison
 
 
 def _check_arguments(
-    scene: Scene, rules: Any, spp: Any, seeds: Any, reference: Any, oracle: Oracle | None, settings: Settings
+    scene: Scene, rules: Any, spp: Any, seeds: Any, reference: Any, settings: Settings
 ) -> tuple[list[str], list[int], list[int]]:
     """Return rules, ``balance`` first, numbers of samples and seeds; a ValueError if an argument is not of its form."""
     for name, values, example in (("rules", rules, '["balance", "thesis:patch=8"]'), ("spp", spp, f"[{spp}]")):
@@ -153,8 +153,6 @@ def _check_arguments(
             f"reference must be a dmis.Reference of {width}x{height} pixels, like the scene, which "
             f"dmis.make_reference(scene) renders; got {got}"
         )
-    if oracle is not None and oracle.variance.shape[1:] != (-(-height // oracle.patch), -(-width // oracle.patch)):
-        raise ValueError(f"oracle must cover {width}x{height} pixels; got {oracle.variance.shape[1:]} patches")
     rules = list(dict.fromkeys(("balance", *rules)))
     for rule in rules:
         merge_settings(settings, scene, make_rule(rule), rule)

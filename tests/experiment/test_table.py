@@ -1,22 +1,21 @@
 """What a comparison keeps: nothing is rendered twice, nothing of another kind is added to, nothing torn is believed."""
 
 import csv
-import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import dmis
-import dmis.experiment.runs
-from dmis.experiment.runs import PINNED
-from dmis.experiment.table import COLUMNS, Results, conditions
+from dmis.experiment.runs import PINNED, Run
+from dmis.experiment.table import COLUMNS, Results, conditions, image_path
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES as RULES_BY_NAME
 from dmis.report.compare import compare
 
 RULES, SPP = ["balance", "thesis:patch=4"], [4, 8]
+RUN = Run(PINNED, 8, 3, 1234, 0.0, 0.0, 1.25, 3.25e-4, 1e-6, 2e-3, 2.5, -1.25)
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +37,18 @@ def rendered(monkeypatch: pytest.MonkeyPatch, drawn: list[Path]) -> list[tuple[s
     return seen
 
 
+@pytest.fixture
+def write(box, reference, tmp_path, rendered):
+    """Compare rules in a folder, and return what this has rendered."""
+
+    def comparison(rules=RULES, spp=(8,), seeds=(0,), folder=tmp_path, **options):
+        rendered.clear()
+        comparison.result = compare(box, rules, spp, seeds, reference, folder, parallel=1, **options)
+        return list(rendered)
+
+    return comparison
+
+
 def rows(folder: Path) -> list[dict[str, str]]:
     with open(folder / "results.csv", newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
@@ -47,98 +58,81 @@ def errors(folder: Path) -> dict[tuple[str, str, str], str]:
     return {(row["rule"], row["spp"], row["seed"]): row["mse"] for row in rows(folder)}
 
 
-def test_interrupted_comparison_goes_on(box, reference, tmp_path, rendered, drawn):
+def test_interrupted_comparison_goes_on(tmp_path, write, rendered, drawn):
     """After an interruption what is missing is rendered, and the table is that of an undisturbed run."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    first = compare(box, RULES, SPP, [0, 1], reference, whole, parallel=1)
+    write(spp=SPP, seeds=[0, 1], folder=whole)
+    first = write.result
     assert len(rendered) == len(rows(whole)) == 10
 
     def stop(rule: str, done: int, total: int) -> None:
         if done == 3:
             raise KeyboardInterrupt
 
-    rendered.clear()
     with pytest.raises(KeyboardInterrupt):
-        compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1, progress=stop)
-    assert len(rows(broken)) == 3 and drawn == [whole]
-    again = compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1)
-    assert len(rendered) == len(set(rendered)) == 10
-    assert errors(broken) == errors(whole) and list(again.runs) == list(first.runs)
-    assert set(again.pictures) == set(again.runs)
-    rendered.clear()
-    compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1)
-    assert rendered == []
+        write(spp=SPP, seeds=[0, 1], folder=broken, progress=stop)
+    assert len(rows(broken)) == len(rendered) == 3 and drawn == [whole]
+    assert len(write(spp=SPP, seeds=[0, 1], folder=broken)) == 7
+    assert errors(broken) == errors(whole) and list(write.result.runs) == list(first.runs)
+    assert set(write.result.pictures) == set(write.result.runs)
+    assert write(spp=SPP, seeds=[0, 1], folder=broken) == []
 
 
-def test_more_seeds_rules_and_budgets(box, reference, tmp_path, rendered):
+def test_more_seeds_rules_and_budgets(tmp_path, write):
     """They are added; what was measured before and is not asked for now stays in the table, and out of the report."""
-    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
-    rendered.clear()
-    more = compare(box, ["pbrt"], [8, 16], [0, 1], reference, tmp_path, parallel=1)
+    write()
+    more = write(["pbrt"], [8, 16], [0, 1])
     expected = {(rule, n, seed) for rule in ("balance", "pbrt", PINNED) for n in (8, 16) for seed in (0, 1)}
-    assert set(rendered) == expected - {("balance", 8, 0), (PINNED, 8, 0)}
-    assert list(more.runs) == [(rule, n) for n in (8, 16) for rule in ("balance", "pbrt", PINNED)]
+    assert set(more) == expected - {("balance", 8, 0), (PINNED, 8, 0)}
+    assert list(write.result.runs) == [(rule, n) for n in (8, 16) for rule in ("balance", "pbrt", PINNED)]
     assert len(rows(tmp_path)) == len(expected) + 1
-    assert all(len(of) == 2 for of in more.runs.values())
+    assert all(len(of) == 2 for of in write.result.runs.values())
 
 
-def test_a_torn_row_is_rendered_again(box, reference, tmp_path, rendered):
+def test_a_torn_row_is_rendered_again(tmp_path, write):
     """What was cut in the middle of a line is no result, even where what is left of it looks like one."""
-    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
+    write()
     before = errors(tmp_path)
-    text = (tmp_path / "results.csv").read_bytes()
-    (tmp_path / "results.csv").write_bytes(text[:-4])
-    rendered.clear()
-    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
-    assert rendered == [("thesis:patch=4", 8, 0)] and errors(tmp_path) == before
+    (tmp_path / "results.csv").write_bytes((tmp_path / "results.csv").read_bytes()[:-4])
+    assert write() == [("thesis:patch=4", 8, 0)] and errors(tmp_path) == before
 
 
-def test_two_comparisons_in_one_folder(box, reference, tmp_path, drawn):
-    """Rows that both have written are merged; a row that the other one has lost, by an older table, is not missed."""
-    arguments = box, ["balance"], [4], [0], reference, tmp_path
-
-    def other(rule: str, done: int, total: int) -> None:
-        if done == 1:
-            compare(*arguments, parallel=1)
-
-    compare(*arguments, parallel=1, progress=other)
-    assert len(rows(tmp_path)) == len(errors(tmp_path)) == len(drawn) == 2
+def test_two_comparisons_in_one_folder(tmp_path, write):
+    """Of rows that both have written one counts; a table that is removed meanwhile is not missed."""
+    write(["balance"], [4], progress=lambda _, done, __: done == 1 and write(["balance"], [4]))
+    assert len(rows(tmp_path)) == 3 and write(["balance"], [4]) == []
     (tmp_path / "results.csv").unlink()
-    runs = compare(*arguments, parallel=1, progress=lambda *_: (tmp_path / "results.csv").write_bytes(b"")).runs
-    assert [len(by_seed) for by_seed in runs.values()] == [1, 1]
+    write(["balance"], [4], progress=lambda *_: (tmp_path / "results.csv").write_bytes(b""))
+    assert [len(by_seed) for by_seed in write.result.runs.values()] == [1, 1]
 
 
 def test_written_is_what_is_read(box, reference, tmp_path):
-    """Rows come back as they were written, to the digits that are written."""
+    """Rows come back as they were written, to six digits, and old tables keep their columns in front."""
     about = conditions(box, reference, 1)
-    run = dmis.experiment.runs.Run(PINNED, 8, 3, 1234, 0.0, 0.0, 1.25, 3.25e-4, 1e-6, 2e-3, 2.5, -1.25)
     results = Results(tmp_path, about)
-    results.append(run)
-    assert Results(tmp_path, about).runs == [run]
-    assert rows(tmp_path)[0]["mse_over_balance"] == "1.00000" and tuple(rows(tmp_path)[0]) == COLUMNS
+    results.append(replace(RUN, mse=0.1234567))
+    assert Results(tmp_path, about).runs == results.runs == {(PINNED, 8, 3): replace(RUN, mse=0.123457)}
+    assert rows(tmp_path)[0]["mse_over_balance"] == "1" and tuple(rows(tmp_path)[0]) == COLUMNS
+    assert COLUMNS[15] == "mse_over_pinned" and COLUMNS[11] == "mse_over_balance"
 
 
 def test_rows_are_relative_to_both_baselines(box, tmp_path, rendered):
     """`mse_over_balance` is over the balance heuristic with the sampler of the row, `mse_over_pinned` over the preset
-    thesis with two shading samples; an old table keeps its columns in front.
+    thesis with two shading samples.
     """
     options = {"sampler": "sobol", "shading_samples": 4, "integrator": "path", "max_depth": 2}
     reference = dmis.make_reference(box, 64, folder=tmp_path, integrator="path", max_depth=2)
     compare(box, ["fixed:1"], [8], [3], reference, tmp_path, parallel=1, **options)
-    assert COLUMNS[15] == "mse_over_pinned" and COLUMNS[11] == "mse_over_balance"
     assert rendered[:2] == [(PINNED, 8, 3), ("balance", 8, 3)]
     by_rule = {row["rule"]: row for row in rows(tmp_path)}
     image = dmis.render(box, "balance", 8, seed=3, preset="thesis", integrator="path", max_depth=2).image
-    expected = dmis.mse(image, reference.first, reference.second)
-    assert float(by_rule[PINNED]["mse"]) == pytest.approx(expected, rel=1e-5)
-    assert (by_rule[PINNED]["mse_over_pinned"], by_rule[PINNED]["mse_over_balance"]) == ("1.0000", "1.00000")
+    assert float(by_rule[PINNED]["mse"]) == pytest.approx(dmis.mse(image, reference), rel=1e-5)
+    assert (by_rule[PINNED]["mse_over_pinned"], by_rule[PINNED]["mse_over_balance"]) == ("1", "1")
     for rule in ("balance", "fixed:1"):
-        row = {name: float(by_rule[rule][name]) for name in ("mse", "mse_over_balance", "mse_over_pinned")}
-        assert row["mse_over_balance"] == pytest.approx(row["mse"] / float(by_rule["balance"]["mse"]), abs=1e-5)
-        assert row["mse_over_pinned"] == pytest.approx(row["mse"] / expected, rel=1e-4)
         for base in ("balance", PINNED):
-            ratio = float(by_rule[rule]["relmse"]) / float(by_rule[base]["relmse"])
-            assert float(by_rule[rule][f"relmse_over_{base}"]) == pytest.approx(ratio, rel=1e-4)
+            for measure in ("mse", "relmse"):
+                ratio = float(by_rule[rule][measure]) / float(by_rule[base][measure])
+                assert float(by_rule[rule][f"{measure}_over_{base}"]) == pytest.approx(ratio, rel=1e-4)
     assert float(by_rule["balance"]["mse_over_pinned"]) < 0.9
 
 
@@ -152,14 +146,14 @@ def test_no_rule_of_ones_own_is_called_pinned():
 def test_other_conditions_are_refused(box, reference, tmp_path, change):
     """With the name of what differs; the table is left as it is."""
     about = conditions(box, reference, 1)
-    Results(tmp_path, about).append(dmis.experiment.runs.Run(PINNED, 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0))
+    Results(tmp_path, about).append(RUN)
     before = (tmp_path / "results.csv").read_bytes()
-    other = dmis.Reference(reference.first, reference.first, 16)
+    camera = dmis.Camera.look_at((0, -7, 2), (0, 0, -0.2), fov=40, resolution=(32, 24))
     found, told = {
         "resolution": ({**about, "resolution": [9, 9]}, "resolution was [32, 24], now is [9, 9]"),
-        "reference": (conditions(box, other, 1), "reference was"),
+        "reference": (conditions(box, replace(reference, second=reference.first), 1), "reference was"),
         "parallel": (conditions(box, reference, 2), "parallel was 1 thread, now is 2 threads"),
-        "camera": (conditions(_moved(box), reference, 1), "scene_hash was"),
+        "camera": (conditions(replace(box, camera=camera), reference, 1), "scene_hash was"),
         "settings": (
             conditions(box, reference, 1, dmis.Settings(sampler="stratified")),
             "sampler was sobol, now is stratified",
@@ -171,112 +165,67 @@ def test_other_conditions_are_refused(box, reference, tmp_path, change):
     assert (tmp_path / "results.csv").read_bytes() == before
 
 
-@pytest.mark.usefixtures("drawn")
-def test_another_rule_of_the_same_name_is_refused(box, reference, tmp_path, monkeypatch):
+def test_another_rule_of_the_same_name_is_refused(write, monkeypatch):
     """A rule of one's own that was changed since; others may be added."""
     monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.5))
-    compare(box, ["mine"], [8], [0], reference, tmp_path, parallel=1)
-    compare(box, ["mine", "thesis:patch=4"], [8], [0], reference, tmp_path, parallel=1)
+    write(["mine"])
+    write(["mine", "thesis:patch=4"])
     monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.25))
-    with pytest.raises(ValueError, match="was measured with another rule mine: its options or its class changed"):
-        compare(box, ["mine"], [8], [0], reference, tmp_path, parallel=1)
-    compare(box, ["balance"], [8], [0], reference, str(tmp_path), parallel=1)
-    with pytest.raises(ValueError, match="another rule mine"):
-        compare(box, ["mine"], [8], [0], reference, tmp_path, parallel=1)
-
-
-def _moved(scene: dmis.Scene) -> dmis.Scene:
-    camera = dmis.Camera.look_at((0, -7, 2), (0, 0, -0.2), fov=40, resolution=(32, 24))
-    return dmis.Scene(camera, scene.parts, scene.lights, scene.name)
+    with pytest.raises(ValueError, match="was measured under other conditions: rule mine was"):
+        write(["mine"])
+    write(["balance"])
+    with pytest.raises(ValueError, match="rule mine was"):
+        write(["mine"])
 
 
 @pytest.mark.parametrize(
-    "data, message",
+    "name, data, message",
     [
-        (b"scene,rule\nbox,balance\n", "line 1 (its columns must be scene,rule,spp"),
-        (f"{','.join(COLUMNS)}\nbox,balance,8\n".encode(), "line 2 (3 values for 18 columns)"),
-        (f"{','.join(COLUMNS)}\n{','.join('x' * 18)}\n".encode(), "line 2 (invalid literal"),
-        (b"junk", "line 1 (its columns must be"),
-        (b"\xff\xfe\x00junk\n\n", "line 1 ("),
+        ("results.csv", "scene,rule\nbox,balance\n", "cannot be read in line 1 (its columns must be scene,rule,spp"),
+        ("results.csv", f"{','.join(COLUMNS)}\nbox,balance,8\n", "cannot be read in line 2 ("),
+        ("results.csv", f"{','.join(COLUMNS)}\n{','.join('x' * 18)}\n", "cannot be read in line 2 (invalid literal"),
+        ("comparison.json", "[1]", "has no readable comparison.json"),
+        ("comparison.json", None, "has no readable comparison.json"),
     ],
 )
-def test_tables_of_another_kind_are_refused(box, reference, tmp_path, data, message):
+def test_damaged_tables_are_refused(box, reference, tmp_path, name, data, message):
     """File, line, reason and fix; the file is left as it is."""
-    about, path = conditions(box, reference, 1), tmp_path / "results.csv"
+    about, path = conditions(box, reference, 1), tmp_path / name
     Results(tmp_path, about)
-    path.write_bytes(data)
+    path.unlink()
+    if data is not None:
+        path.write_text(data)
     with pytest.raises(ValueError, match=r"; remove it, or choose another directory$") as error:
         Results(tmp_path, about)
-    assert f"{path} cannot be read in {message}" in str(error.value) and path.read_bytes() == data
+    assert f"{tmp_path / 'results.csv'} {message}" in str(error.value)
+    assert data is None or path.read_text() == data
 
 
-@pytest.mark.parametrize(
-    "column, value",
-    [("mse", "nan"), ("mse", "1e999"), ("mse", "-1"), ("relmse", "-1"), ("relmse", "nan"), ("render_seconds", "-1")]
-    + [("cpu_seconds", "inf"), ("mean_z", "-inf"), ("mse_error", "-1e-9"), ("rays", "-1")],
-)
-def test_rows_with_impossible_numbers_are_refused(box, reference, tmp_path, rendered, column, value):
-    """By line and column. An error may be below 0, as there are two halves, but not below that of their mean."""
-    compare(box, ["balance"], [8], [0], reference, tmp_path, parallel=1)
-    path, (pinned, row) = tmp_path / "results.csv", rows(tmp_path)
-    for cells, expected in (
-        ({column: value}, pytest.raises(ValueError, match=rf"in line 3 \({column} must be finite and at least")),
-        ({column: "0", "mse": dmis.mse(reference.mean, reference)}, pytest.warns(match="its mean squared error is")),
-    ):
-        lines = (COLUMNS, pinned.values(), {**row, **cells}.values())
-        path.write_text("".join(f"{','.join(map(str, line))}\n" for line in lines))
-        with expected:
-            compare(box, ["balance"], [8], [0], reference, tmp_path, parallel=1)
-
-
-@pytest.mark.parametrize("text", [None, "no json", "[1]"])
-def test_a_table_without_its_conditions_is_refused(box, reference, tmp_path, text):
-    """Its rows may be of another scene."""
-    about = conditions(box, reference, 1)
-    Results(tmp_path, about)
-    (tmp_path / "comparison.json").unlink()
-    if text is not None:
-        (tmp_path / "comparison.json").write_text(text)
-    with pytest.raises(ValueError, match=r"has no readable comparison\.json"):
-        Results(tmp_path, about)
-
-
-def test_pictures_have_names_of_their_own(box, reference, tmp_path):
+def test_pictures_have_names_of_their_own(tmp_path):
     """Rules whose names differ in what a file's name cannot have, or are very long, do not share a picture."""
-    results = Results(tmp_path, conditions(box, reference, 1))
     rules = ["second-moment:guard=1e+3", "second-moment:guard=1e-3", "thesis", "x" * 300 + "1", "x" * 300 + "2"]
-    names = [results.image((rule, 16)).name for rule in rules]
+    names = [image_path(tmp_path, (rule, 16)).name for rule in rules]
     assert len(set(names)) == len(rules) and max(map(len, names)) < 160
     assert names[2] == "thesis-16spp.exr" and names[1] == "second-moment-guard=1e-3-16spp.exr"
 
 
-def test_missing_damaged_and_foreign_images_are_rendered_again(box, reference, tmp_path, rendered, recwarn):
-    """With a warning, and without a new row; the bits are those of before."""
-    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
-    folder, table = tmp_path / "images", (tmp_path / "results.csv").read_bytes()
-    first, second, pinned = (folder / f"{name}-8spp.exr" for name in ("balance", "thesis-patch=4", "pinned"))
-    before = {path: dmis.read_exr(path) for path in (first, second, pinned)}
-    cut = pinned.read_bytes()[:-100]
-    for damage, path, rule in (
-        (pinned.unlink, pinned, PINNED),
-        (lambda: pinned.write_bytes(cut), pinned, PINNED),
-        (lambda: second.write_bytes(first.read_bytes()), second, "thesis:patch=4"),
-        (lambda: dmis.write_exr(first, {"RGB": before[first][0]["RGB"]}), first, "balance"),
-        (lambda: dmis.write_image(first, dmis.render(box, "balance", 8, sampler="independent")), first, "balance"),
-        (lambda: dmis.write_image(first, np.ones((3, 4, 3))), first, "balance"),
+def test_missing_images_are_rendered_again(tmp_path, write):
+    """With the rows of their rule and budget; a damaged image is named. A new table has new images."""
+    write(seeds=[0, 1])
+    path, before = tmp_path / "images" / "balance-8spp.exr", errors(tmp_path)
+    image = path.read_bytes()
+    path.unlink()
+    assert write(seeds=[0, 1]) == [("balance", 8, 0), ("balance", 8, 1)] and errors(tmp_path) == before
+    path.write_bytes(image[:-100])
+    with pytest.raises(
+        ValueError, match=r"balance-8spp\.exr must be an image .*; remove it, and the command 'compare'"
     ):
-        damage()
-        rendered.clear()
-        with pytest.warns(UserWarning, match=rf"{re.escape(str(path))} is rendered again: ."):
-            again = compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
-        assert rendered == [(rule, 8, 0)] and (tmp_path / "results.csv").read_bytes() == table
-        for name, layer in dmis.read_exr(path)[0].items():
-            np.testing.assert_array_equal(layer, before[path][0][name])
-            np.testing.assert_array_equal(layer, again.pictures[rule, 8][name])
-    rendered.clear()
-    recwarn.clear()
-    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
-    assert rendered == [] and not len(recwarn)
+        write(seeds=[0, 1])
+    (tmp_path / "results.csv").unlink()
+    write(sampler="independent")
+    assert dmis.mse(write.result.pictures["balance", 8]["RGB"], write.result.reference) == pytest.approx(
+        write.result.runs["balance", 8][0].mse, rel=1e-5
+    )
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
@@ -284,10 +233,9 @@ def test_missing_damaged_and_foreign_images_are_rendered_again(box, reference, t
 @pytest.mark.parametrize("name", ["results.csv", "comparison.json", "report.html"])
 def test_a_full_disk_names_the_file(box, reference, tmp_path, name):
     """Whichever file of the folder it is that does not fit."""
-    run = dmis.experiment.runs.Run(PINNED, 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0)
     write = partial(compare, box, ["balance"], [8], [0], reference, tmp_path, parallel=1)
     if name == "results.csv":
-        write = partial(Results(tmp_path, conditions(box, reference, 1)).append, run)
+        write = partial(Results(tmp_path, conditions(box, reference, 1)).append, RUN)
         (tmp_path / name).unlink()
     (tmp_path / name).symlink_to("/dev/full")
     with pytest.raises(OSError, match=rf"cannot write {tmp_path / name}: No space left on device"):

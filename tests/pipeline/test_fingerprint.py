@@ -17,7 +17,6 @@ from helpers import pickled, run_cell
 import dmis
 from dmis.brdf import diffuse, microfacet
 from dmis.brdf.diffuse import Lambert
-from dmis.experiment.runs import Run
 from dmis.experiment.table import Results, conditions
 from dmis.fit.registry import RULES
 from dmis.geometry.shapes import quad
@@ -300,12 +299,13 @@ def test_another_rule_tile_layout_or_package_is_refused(box, tmp_path, monkeypat
     assert repr(rule) == repr(other)
     box, file, runs = replace(box, camera=replace(box.camera, resolution=(80, 60))), tmp_path / "c", tmp_path / "runs"
     dmis.render(box, rule, 4, checkpoint=file)
-    about = conditions(box, dmis.Reference(np.zeros((60, 80, 3)), np.zeros((60, 80, 3)), 1), 1)
+    black = dmis.Reference(np.zeros((60, 80, 3)), np.zeros((60, 80, 3)), 1)
     monkeypatch.setitem(RULES, "mine", lambda: rule)
-    Results(runs, about, ["mine"]).append(Run("pinned", 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0, 0.5))
+    about = conditions(box, black, 1, rules=["mine"])
+    Results(runs, about)
     monkeypatch.setitem(RULES, "mine", lambda: other)
-    with pytest.raises(ValueError, match="another rule mine"):
-        Results(runs, about, ["mine"])
+    with pytest.raises(ValueError, match="rule mine was"):
+        Results(runs, conditions(box, black, 1, rules=["mine"]))
     with pytest.raises(ValueError, match="package_hash was"):
         Results(runs, {**about, "package_hash": "0123"})
     with pytest.raises(ValueError, match=": rule_hash is"):

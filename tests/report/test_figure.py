@@ -35,26 +35,18 @@ def test_a_folder_tells_its_comparison(made: tuple[Comparison, Path]) -> None:
     np.testing.assert_array_equal(read.reference.second, comparison.reference.second)
 
 
-def other_pixels(path: Path) -> None:
-    """The provenance of the run, other pixels."""
-    layers, attributes = read_exr(path)
-    write_exr(path, {**layers, "RGB": layers["RGB"] * 1.5}, attributes)
-
-
 IMAGE = "images/pbrt-8spp.exr"
 
 
 @pytest.mark.parametrize(("name", "change", "message"), [
     *((name, Path.unlink, name) for name in ("results.csv", "comparison.json", "images/reference.exr", IMAGE)),
     ("results.csv", lambda path: path.write_text(path.read_text("utf-8").splitlines()[0] + "\n"), "csv has no rows"),
-    (IMAGE, lambda path: write_exr(path, read_exr(path)[0]), "pbrt-8spp.exr must be the image of a run.*'rule': None"),
-    (IMAGE, lambda path: path.write_bytes(path.with_name("pbrt-16spp.exr").read_bytes()), "must have .*'spp': 8"),
-    (IMAGE, other_pixels, "its mean squared error is"),
+    (IMAGE, lambda path: write_exr(path, read_exr(path)[0]), "pbrt-8spp.exr must be an image that dmis rendered"),
 ])  # fmt: skip
 def test_a_folder_that_is_not_whole_is_refused(
     made: tuple[Comparison, Path], tmp_path: Path, name: str, change: Callable[[Path], object], message: str
 ) -> None:
-    """A file is missing, no run has a row, or an image is not that of its run."""
+    """A file is missing, no run has a row, or an image does not say how it was rendered."""
     for path in made[1].rglob("*"):
         target = tmp_path / path.relative_to(made[1])
         if path.is_file() and path.suffix in (".csv", ".json", ".exr"):
