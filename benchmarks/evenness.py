@@ -73,7 +73,7 @@ def measure_evenness(
     settings = curve_settings(scene, settings)
     key = {"dmis": __version__, "scene": fingerprint(scene), "spp": spp, "seeds": seeds, **settings_key(settings)}
     path = cache_path(scene, "evenness", key, folder, ".json")
-    errors = from_cache(path, key, _read_errors, "evenness")
+    errors = from_cache(path, _read_errors, "evenness")
     if errors is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
@@ -89,7 +89,7 @@ def measure_evenness(
             ]  # fmt: skip
             errors.append(float(np.var(images, axis=0, ddof=1).mean()))
         with replacing(path) as partial:
-            partial.write_text(json.dumps({"key": json.dumps(key), "errors": errors}))
+            partial.write_text(json.dumps({"errors": errors}))
     fewer, error = errors
     independent = oracle.mean(oracle.variance[HALF]) / spp
     if not (error > 0 and independent > 0):
@@ -97,7 +97,6 @@ def measure_evenness(
     return Evenness(spp, error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
 
 
-def _read_errors(path: Path) -> tuple[str, list[float]]:
-    """Return the key and the two errors in a file of the cache."""
-    content = json.loads(path.read_text())
-    return content["key"], content["errors"]
+def _read_errors(path: Path) -> list[float]:
+    """Return the two errors in a file of the cache."""
+    return list(json.loads(path.read_text())["errors"])

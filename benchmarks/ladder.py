@@ -91,7 +91,7 @@ def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, *
     """Return the oracle of a scene with its halves; arguments are those of `make_oracle`."""
     oracle = make_oracle(scene, spp, settings=settings, **options)
     key = oracle_key(scene, spp, oracle.patch, settings)
-    _, (rays, parts) = read_curves(cache_path(scene, "oracle", key, options.get("folder"), ".npz"))
+    rays, parts = read_curves(cache_path(scene, "oracle", key, options.get("folder"), ".npz"))
     pixels = patch_sum(np.ones(scene.camera.resolution[::-1]), oracle.patch)
     zero = np.broadcast_to(0.0, parts["curve"].shape[1:])
     halves = [PatchCurves(gain_square=zero, pixels=pixels, **{n: a[k] for n, a in parts.items()}) for k in (0, 1)]

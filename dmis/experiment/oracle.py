@@ -5,14 +5,14 @@ The curves V(w) give the error of any share map without rendering it; `dmis.expe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from dmis.base.patches import patch_mean, patch_sum
 from dmis.base.vectors import Array
-from dmis.variance.curves import GRID, HALF
+from dmis.variance.curves import GRID
 
 HARM_LIMIT = 1.02
 """Ratio of the variance of a weight to that of w = 1/2 above which the weight counts as harmful."""
@@ -90,8 +90,8 @@ class Oracle:
     def error_time(self, weight: Array, samples: Array | float = 1.0) -> float:
         """Return error times time over that of w = 1/2 and even samples, at shares and numbers per patch."""
         # mean(V / n) mean(n C)
-        error, time = between(self.variance, weight) / samples, between(self.costs, weight) * samples
-        return self.mean(error) * self.mean(time) / (self.mean(self.variance[HALF]) * self.mean(self.costs[HALF]))
+        product = self.mean(between(self.variance, weight) / samples) * self.mean(between(self.costs, weight) * samples)
+        return product / (self.mean(self.variance[self.half]) * self.mean(self.costs[self.half]))
 
     def at(self, weight: Array | float) -> Array:
         """Return the variance of a camera sample per patch at a share map ``(H, W)``, or at one share for all."""
@@ -104,13 +104,15 @@ class Oracle:
 
         It is 1 for the oracle and 0 for w = 1/2; NaN if the best weights save less than `LEAST_SAVING`.
         """
-        half, best = self.mean(self.variance[HALF]), self.mean(self.variance.min(axis=0))
-        saves = half - best > LEAST_SAVING * half
-        return (half - self.mean(self.at(weight))) / (half - best) if saves else float("nan")
+        limit = self.limit()
+        if limit >= 1 - LEAST_SAVING:
+            return float("nan")
+        return (1 - self.mean(self.at(weight)) / self.mean(self.variance[self.half])) / (1 - limit)
 
     def limit(self, costly: bool = False) -> float:
-        """Return the variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in
-        equal time by the cost model, without a pilot. 1 where there is no variance.
+        """Return the variance of the image with the best weights over that with w = 1/2, at equal samples.
+
+        If `costly`, in equal time by the cost model, without a pilot. 1 where there is no variance.
         """
         best = self.best_index(costly)
         cost = self.mean(_at_index(self.costs, best)) / self.mean(self.costs[self.half]) if costly else 1.0
@@ -122,19 +124,19 @@ class Oracle:
 
         That is ``mean(sqrt V)^2 / mean(V)`` at w = 1/2 and equal samples; 1 if there is no variance.
         """
-        even = replace(self, variance=self.variance[[self.half]], cost=self.cost[[self.half]])
-        return even.limit_with_counts()
+        return self.limit_with_counts(slice(self.half, self.half + 1))
 
-    def limit_with_counts(self) -> float:
+    def limit_with_counts(self, allowed: slice = slice(None)) -> float:
         """Return variance times cost with the best weights and allocation, over that with w = 1/2 and even samples.
 
-        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot; 1 if there is no variance.
+        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot, with the weights `allowed` in the grid; 1 if there
+        is no variance.
         """
         half = self.mean(self.variance[self.half])
         if not half > 0:
             return 1.0
         # n ~ sqrt(V / C)   (docs/theory.md, Eq. 20)
-        least = (np.maximum(self.variance, 0) * self.costs).min(axis=0)
+        least = (np.maximum(self.variance, 0) * self.costs)[allowed].min(axis=0)
         return self.mean(np.sqrt(least)) ** 2 / (half * self.mean(self.costs[self.half]))
 
     def text(self) -> str:
@@ -147,18 +149,18 @@ class Oracle:
 
     def regret(self, weight: Array) -> Array:
         """Return the variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
-        excess = self.at(weight) - self.variance.min(axis=0)
-        return np.divide(excess, self.variance[HALF], out=np.zeros_like(excess), where=self.variance[HALF] > 0)
+        excess, half = self.at(weight) - self.variance.min(axis=0), self.variance[self.half]
+        return np.divide(excess, half, out=np.zeros_like(excess), where=half > 0)
 
     def harm(self, weight: Array) -> tuple[float, float]:
         """Return the share of lit patches that a share map harms, and its standard error; 0 if no patch is lit.
 
         A patch is harmed if its variance is more than `HARM_LIMIT` times that of w = 1/2.
         """
-        lit = self.variance[HALF] > 0
+        lit = self.variance[self.half] > 0
         if not lit.any():
             return 0.0, 0.0
-        harmed = (self.at(weight) > HARM_LIMIT * self.variance[HALF])[lit]
+        harmed = (self.at(weight) > HARM_LIMIT * self.variance[self.half])[lit]
         return float(harmed.mean()), float(harmed.std() / np.sqrt(harmed.size))
 
 

@@ -28,7 +28,7 @@ from dmis.estimator.records import Record, Statistic
 from dmis.estimator.settings import DEFAULTS, Settings, make_settings
 from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import KEY, REFERENCE_SEED, cache_path, from_cache, render_halves
+from dmis.experiment.reference import REFERENCE_SEED, cache_path, from_cache, render_halves
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
@@ -84,7 +84,7 @@ def make_oracle(
     path = cache_path(scene, "oracle", key, folder, ".npz")
     if not scene.plan.mixable:
         raise ValueError(f"an oracle needs a light of two techniques, but scene {scene.name!r} has nothing to mix")
-    curves = from_cache(path, key, read_curves, "oracle")
+    curves = from_cache(path, read_curves, "oracle")
     if curves is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
@@ -95,9 +95,8 @@ def make_oracle(
             rays: Counter[str] = sum((Counter(half.provenance["pilot_rays"]) for half in halves), Counter())
             maps = {name: np.stack([half.maps[name] for half in halves]).astype(np.float32) for name in _CURVE_PARTS}
             with replacing(path) as partial, open(partial, "wb") as archive:
-                texts = {KEY: np.array(json.dumps(key)), "rays": np.array(json.dumps(rays))}
-                np.savez(archive, allow_pickle=False, **texts, **maps)
-        _, curves = read_curves(path)
+                np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
+        curves = read_curves(path)
     counted, parts = curves
     # V(w) = curve + Var_y(I)
     variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)
@@ -109,11 +108,10 @@ def make_oracle(
     return Oracle(variance, cost, patch, spp, scene.camera.resolution[::-1])
 
 
-def read_curves(path: Path) -> tuple[str | None, tuple[dict[str, int], dict[str, Array]]]:
-    """Return the key of a file of the cache, its rays, and the parts of the curves of both halves ``(2, ...)``."""
+def read_curves(path: Path) -> tuple[dict[str, int], dict[str, Array]]:
+    """Return the rays of a file of the cache, and the parts of the curves of both halves ``(2, ...)``."""
     with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
-        parts = {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
-        return str(arrays[KEY]) if KEY in arrays else None, (json.loads(str(arrays["rays"])), parts)
+        return json.loads(str(arrays["rays"])), {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ from dmis.scene.scene import Scene
 REFERENCE_SEED = 2**31
 """First seed of references and oracles, far from the seeds of renders."""
 KEY = "dmis.key"
-"""Attribute of a reference's file, and array of an oracle's: what it is of, its key as JSON."""
+"""Attribute of a reference's file: what its image depends on, as JSON."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +122,7 @@ def make_reference(
     settings = Settings(integrator=given.integrator, max_depth=given.max_depth)
     key = {**expected_image_key(scene, settings), "spp": spp, "rule": rule}
     path = cache_path(scene, f"{spp}spp", key, folder, ".exr")
-    reference = from_cache(path, key, _read_reference, "reference")
+    reference = from_cache(path, load_reference, "reference")
     if reference is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_image(path)
@@ -130,12 +131,6 @@ def make_reference(
             reference = Reference(first.image, second.image, spp)
             reference.save(path, {KEY: json.dumps(key)})
     return reference
-
-
-def _read_reference(path: Path) -> tuple[str | None, Reference]:
-    """Return the key and the reference in a file of the cache."""
-    layers, attributes = read_exr(path)
-    return attributes.get(KEY), Reference(layers["first"], layers["second"], int(attributes["spp"]))
 
 
 def expected_image_key(scene: Scene, settings: Settings) -> dict[str, Any]:
@@ -158,14 +153,14 @@ def render_halves(
     results, checkpoints = [], [path.with_suffix(f".{half}.tiles") for half in range(2)]
     with reporting(options.pop("progress", None)) as report:
         for half, checkpoint in enumerate(checkpoints):
-            options |= {"seed": seed + half, "checkpoint": checkpoint}
             if report is not None:  # of both halves
                 options["progress"] = lambda stage, n, of, k=half: report(stage, k * of + n, 2 * of)
+            render_half = partial(render, scene, rule, spp, seed=seed + half, checkpoint=checkpoint, **options)
             try:
-                results.append(render(scene, rule, spp, **options))
+                results.append(render_half())
             except UnusableCheckpoint:
                 remove_checkpoint(checkpoint)
-                results.append(render(scene, rule, spp, **options))
+                results.append(render_half())
     yield results
     for checkpoint in checkpoints:
         remove_checkpoint(checkpoint)
@@ -193,41 +188,17 @@ def cache_path(
     return cache_folder(folder) / f"{name}-{width}x{height}-{kind}-{digest}{suffix}"
 
 
-def from_cache(path: Path, key: Mapping[str, Any], read: Callable[[Path], tuple[str | None, Any]], kind: str) -> Any:
-    """Return the content of a file of the cache, or None: it does not exist, or has no key, as of earlier versions.
+def from_cache(path: Path, read: Callable[[Path], Any], kind: str) -> Any:
+    """Return the content of a file of the cache by the function `read`, or None if there is none.
 
-    Parameters
-    ----------
-    read
-        Returns the key in the file, None if there is none, and the content.
-    kind
-        What messages call the file.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged, or does not match, because its key is not `key`.
+    A ValueError if the file, of a `kind` such as "oracle", is damaged.
     """
     if not path.exists():
         return None
     try:
-        stored, content = read(path)
+        return read(path)
     except Exception as error:  # a damaged archive may raise anything
         raise ValueError(f"{kind} {path} is damaged ({error}); remove it, and it is rendered again") from error
-    if stored is not None:
-        check_key(f"{kind} {path}", stored, key, "Remove it, and it is rendered again")
-    return None if stored is None else content
-
-
-def check_key(file: str, stored: str, key: Mapping[str, Any], advice: str) -> None:
-    """Raise a ValueError that ends with `advice` unless the key `stored` in a file, JSON, has all values of `key`."""
-    try:
-        there = dict(json.loads(stored))
-    except (ValueError, TypeError):
-        raise ValueError(f"{file} has a key that is not readable, {stored[:40]!r}. {advice}") from None
-    here = json.loads(json.dumps(key))  # lists in the place of tuples
-    if differences := [f"{name} is {there.get(name)}, not {v}" for name, v in here.items() if there.get(name) != v]:
-        raise ValueError(f"{file} does not match: {'; '.join(differences)}. {advice}")
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
@@ -255,8 +226,7 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
     else:
         layers, attributes = read_exr(path)
         if scene is not None and KEY in attributes:
-            advice = f"Give a reference of scene {scene.name}, or none, and it is rendered"
-            check_key(f"reference {path}", attributes[KEY], expected_image_key(scene, settings or Settings()), advice)
+            _check_key(path, attributes[KEY], expected_image_key(scene, settings or Settings()), scene.name)
     first = layers.get("first", layers.get("RGB"))
     second = layers.get("second", first)
     for half in (first, second):
@@ -265,3 +235,14 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
             raise ValueError(f"reference {path} must hold {what}")
     assert first is not None and second is not None
     return Reference(np.array(first), np.array(second), int(attributes.get("spp", 0)))
+
+
+def _check_key(path: Path, text: str, expected: Mapping[str, Any], scene: str) -> None:
+    """Raise a ValueError unless the key of a file, as JSON, has the values that are expected."""
+    advice = f"Give a reference of scene {scene}, or none, and it is rendered"
+    try:
+        key = dict(json.loads(text))
+    except (ValueError, TypeError):
+        raise ValueError(f"reference {path} has a key that is not readable, {text[:40]!r}. {advice}") from None
+    if differences := [f"{name} is {key.get(name)}, not {v}" for name, v in expected.items() if key.get(name) != v]:
+        raise ValueError(f"reference {path} does not match: {'; '.join(differences)}. {advice}")
