@@ -10,7 +10,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.experiment.metrics import holm_levels, log_ratio
-from dmis.experiment.runs import PINNED, Budget, Run, median_seconds
+from dmis.experiment.runs import PINNED, Budget, Run
 
 Axis = Literal["spp", "rays", "seconds"]
 """Axis that errors are plotted over: camera samples per pixel, rays, or CPU seconds."""
@@ -97,6 +97,11 @@ class Gain:
         return self.relmse, self.mse
 
 
+def median_seconds(runs: Sequence[Run]) -> float:
+    """Return the median of the CPU seconds of `runs`."""
+    return float(np.median([run.cpu_seconds for run in runs]))
+
+
 def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis, measure: Measure = "mse") -> tuple[Array, Array]:
     """Return the points of a rule's line of error against samples, rays or seconds, fewest samples first.
 
@@ -131,27 +136,22 @@ def _errors(runs: Sequence[Run], measure: Measure, times_cpu: bool = False) -> A
     return np.array([getattr(run, measure) * (run.cpu_seconds if times_cpu else 1) for run in runs], np.float64)
 
 
-def _ratios(values: Sequence[Array]) -> list[Interval]:
-    """Return the ratios of the means over seeds of ``values[1:]`` to that of ``values[0]``, ``(K,)`` each.
+def intervals(logs: Array, degrees: int) -> list[Interval]:
+    """Return ratios with Student's intervals, at the levels of Holm (`dmis.experiment.metrics.holm_levels`).
 
-    Intervals are Student's, of the logarithms (`dmis.experiment.metrics.log_ratio`), at the levels of Holm. The ends
-    are NaN for one seed, since one run does not show the scatter; all is NaN for values that are not above 0, or
-    unknown.
-    """
-    logs = np.array([log_ratio(of_rule, values[0]) for of_rule in values[1:]]).reshape(-1, 2)
-    return _intervals(logs[:, 0], logs[:, 1], max(1, len(values[0]) - 1))
-
-
-def _intervals(value: Array, error: Array, degrees: int) -> list[Interval]:
-    """Return ratios with their intervals, at the levels of Holm (`dmis.experiment.metrics.holm_levels`).
-
-    `value` and `error` are logarithms of ratios and their standard errors, ``(N,)``.
+    Parameters
+    ----------
+    logs
+        Logarithms of the ratios and their standard errors, ``(N, 2)``, see `dmis.experiment.metrics.log_ratio`.
+    degrees
+        Degrees of freedom; of 0, for one seed, ends are NaN, since one run does not show the scatter.
     """
     from scipy.stats import t  # imported where used: scipy.stats takes half a second
 
+    value, error = np.reshape(logs, (-1, 2)).T
     with np.errstate(divide="ignore", invalid="ignore"):  # the same runs under two names have no scatter
-        p = np.nan_to_num(2 * t.sf(np.abs(value / error), degrees), nan=1.0)
-    half = t.isf(holm_levels(p) / 2, degrees) * error
+        p = np.nan_to_num(2 * t.sf(np.abs(value / error), max(1, degrees)), nan=1.0)
+    half = t.isf(holm_levels(p) / 2, max(1, degrees)) * error
     return [Interval(*ends) for ends in np.exp([value, value - half, value + half]).T.tolist()]
 
 
@@ -168,22 +168,23 @@ def over_scenes(scenes: Sequence[Mapping[Budget, Sequence[Run]]], measure: Measu
     measure
         Of the error, one of `MEASURES`.
     """
-    largest = [max(spp for _, spp in runs) for runs in scenes]
-    of_first = (rule for rule, n in scenes[0] if n == largest[0] and rule not in ("balance", PINNED))
-    rules = [rule for rule in of_first if all((rule, n) in runs for runs, n in zip(scenes, largest, strict=True))]
-    logs = np.zeros((2, len(rules), len(scenes)))
-    for k, (runs, spp) in enumerate(zip(scenes, largest, strict=True)):
-        balance = _errors(runs["balance", spp], measure, times_cpu=True)
-        for i, rule in enumerate(rules):
-            logs[:, i, k] = log_ratio(_errors(runs[rule, spp], measure, times_cpu=True), balance)
+    errors = []
+    for runs in scenes:
+        largest = max(spp for _, spp in runs)
+        errors.append({rule: _errors(of, measure, True) for (rule, spp), of in runs.items() if spp == largest})
+    rules = [rule for rule in errors[0] if rule not in ("balance", PINNED) and all(rule in of for of in errors)]
+    logs = np.array([[log_ratio(of[rule], of["balance"]) for of in errors] for rule in rules]).reshape(
+        -1, len(errors), 2
+    )
     seeds = min(len(by_seed) for runs in scenes for by_seed in runs.values())
-    value, error = logs[0].mean(axis=1), np.sqrt((logs[1] ** 2).sum(axis=1)) / len(scenes)
-    return dict(zip(rules, _intervals(value, error, max(1, seeds - 1)), strict=True))
+    error = np.sqrt((logs[..., 1] ** 2).sum(axis=1)) / len(scenes)
+    means = np.stack([logs[..., 0].mean(axis=1), error], axis=1)
+    return dict(zip(rules, intervals(means, seeds - 1), strict=True))
 
 
 def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
     """Return the `Gain` of every rule and budget in their order; the balance heuristic must be among them."""
-    relmse, mse = (_ratios_by_budget(runs, measure) for measure in MEASURES)
+    relmse, mse = (_error_ratios(runs, measure) for measure in MEASURES)
     return [
         Gain(
             rule=rule,
@@ -198,36 +199,33 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
     ]
 
 
-def _ratios_by_budget(runs: Mapping[Budget, Sequence[Run]], measure: Measure) -> dict[Budget, ErrorRatios]:
+def _error_ratios(runs: Mapping[Budget, Sequence[Run]], measure: Measure) -> dict[Budget, ErrorRatios]:
     """Return the errors of all rules and budgets by one measure, and their ratios to the baselines."""
     seconds, errors = line(runs, "balance", "seconds", measure)
-    baseline = errors.mean(axis=0)
-
-    over = [_over(runs, name, measure, times_cpu) for times_cpu in (False, True) for name in ("balance", PINNED)]
+    over = [_ratios(runs, name, measure, times_cpu) for times_cpu in (False, True) for name in ("balance", PINNED)]
     result = {}
     for budget, by_seed in runs.items():
         error = float(_errors(by_seed, measure).mean())
-        equal_time_error, within = interpolate_log_log(seconds, baseline, median_seconds(by_seed))
-        equal_time = error / equal_time_error if error > 0 else float("nan")
-        balance, pinned, time_balance, time_pinned = (of[budget] for of in over)
-        result[budget] = ErrorRatios(
-            error, balance, pinned, time_balance, time_pinned, equal_time, extrapolated=not within
-        )
+        of_balance, within = interpolate_log_log(seconds, errors.mean(axis=0), median_seconds(by_seed))
+        equal_time = error / of_balance if error > 0 else float("nan")
+        balance, pinned, time_balance, time_pinned = (ratios[budget] for ratios in over)
+        result[budget] = ErrorRatios(error, balance, pinned, time_balance, time_pinned, equal_time, not within)
     return result
 
 
-def _over(
+def _ratios(
     runs: Mapping[Budget, Sequence[Run]], baseline: str, measure: Measure, times_cpu: bool
 ) -> dict[Budget, Interval]:
-    """Return the ratios of `_errors` of all budgets to those of `baseline`; NaN where this was not measured.
+    """Return the ratios of the means over seeds of `_errors` to those of `baseline`; NaN where it was not measured.
 
     Rules with the same number of samples are one family of tests. The pinned baseline is not a rule among them.
     """
-    by_budget = dict.fromkeys(runs, Interval(np.nan, np.nan, np.nan))
-    for spp in (spp for rule, spp in runs if rule == baseline):
-        by_budget[baseline, spp] = Interval(1.0, np.nan, np.nan)
-        others = [rule for rule, n in runs if n == spp and rule != baseline]
-        for family in ([rule for rule in others if rule != PINNED], [rule for rule in others if rule == PINNED]):
-            ratios = _ratios([_errors(runs[rule, spp], measure, times_cpu) for rule in (baseline, *family)])
-            by_budget |= {(rule, spp): ratio for rule, ratio in zip(family, ratios, strict=True)}
-    return by_budget
+    ratios = dict.fromkeys(runs, Interval(np.nan, np.nan, np.nan))
+    for spp in [spp for rule, spp in runs if rule == baseline]:
+        ratios[baseline, spp] = Interval(1.0, np.nan, np.nan)
+        errors = _errors(runs[baseline, spp], measure, times_cpu)
+        for is_pinned in (False, True):
+            family = [of for of in runs if of[1] == spp and of[0] != baseline and (of[0] == PINNED) == is_pinned]
+            logs = [log_ratio(_errors(runs[budget], measure, times_cpu), errors) for budget in family]
+            ratios |= dict(zip(family, intervals(np.array(logs), len(errors) - 1), strict=True))
+    return ratios

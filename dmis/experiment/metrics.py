@@ -17,12 +17,67 @@ ERROR_BLOCK = 16
 """Side in pixels of the blocks whose errors in one image are taken as independent: a patch of the thesis's rule."""
 
 
+def mse(image: Array | Result, first: Array | Reference, second: Array | None = None) -> float:
+    """Return the mean squared error over pixels and channels, against a reference or two independent halves of one.
+
+    Parameters
+    ----------
+    image
+        ``(H, W, 3)`` linear RGB, or a result, whose image is taken.
+    first, second
+        A `Reference`, whose two halves are taken; or images of the same shape: two independent halves of a reference,
+        whose own noise is not counted then, or one image, whose noise is.
+    """
+    return float(_errors(image, first, second).mean())
+
+
+def relmse(
+    image: Array | Result, first: Array | Reference, second: Array | None = None, epsilon: float = 0.01
+) -> float:
+    """Return the mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, see `relative_error`."""
+    return float(relative_error(image, first, second, epsilon).mean())
+
+
 def squared_error(image: Array | Result, first: Array | Reference, second: Array | None = None) -> Array:
     """Return the squared error of each pixel, mean over channels, ``(H, W)``.
 
-    Arguments and errors are those of `mse`. With two halves of a reference single values may be negative.
+    Arguments are those of `mse`. With two halves of a reference single values may be negative.
     """
-    return _product(image, first, second).mean(axis=2)
+    return _errors(image, first, second).mean(axis=2)
+
+
+def relative_error(
+    image: Array | Result, first: Array | Reference, second: Array | None = None, epsilon: float = 0.01
+) -> Array:
+    """Return ``(x - r)^2 / (r^2 + epsilon)`` of each pixel, mean over channels, ``(H, W)``.
+
+    Parameters
+    ----------
+    image, first, second
+        See `mse`; r is the mean of the halves. In the denominator its noise counts: with a reference of few samples
+        the result is too large.
+    epsilon
+        Bound of the denominator, in units of radiance squared: pixels much darker than its root count little.
+    """
+    return _errors(image, first, second, epsilon).mean(axis=2)
+
+
+def _errors(
+    image: Array | Result, first: Array | Reference, second: Array | None, epsilon: float | None = None
+) -> Array:
+    """Return ``(x - r1)(x - r2)`` of every pixel and channel, float64; with `epsilon` over ``r^2 + epsilon``."""
+    x = np.asarray(image.image if isinstance(image, Result) else image, np.float64)
+    r1, r2 = (
+        (first.first, first.second) if isinstance(first, Reference) else (first, first if second is None else second)
+    )
+    shapes = x.shape, np.shape(r1), np.shape(r2)
+    if len(set(shapes)) > 1:
+        raise ValueError(f"image and reference must have the same shape; got {', '.join(map(str, shapes))}")
+    squares: Array = (x - r1) * (x - r2)
+    if epsilon is None:
+        return squares
+    reference = (np.asarray(r1, np.float64) + r2) / 2
+    return squares / (reference * reference + epsilon)
 
 
 def share_of_few(squared: Array, few: float = 0.01) -> float:
@@ -41,14 +96,9 @@ def mean_over_blocks(values: Array) -> tuple[float, float]:
     Each pixel has its own samples, but shares learned weights with its neighbours, so that their errors are correlated:
     the standard error is that of sums over blocks of `ERROR_BLOCK` pixels, smaller ones in small images.
 
-    Of squared errors, the interval of 1.96 standard errors of one image has the mean over 40 seeds in
-
-    * 78 to 100 % of the seeds on cornell, killeroo-diffuse, killeroo-gold and teapot-area-light, where the standard
-      error is 1.0 to 3.0 times the spread over seeds, in root mean square: it has the variation over the image in it;
-    * 25 to 97 % on tt, where it is 0.4 to 1.9 times the spread, least with ``thesis``: most images lack the rare bright
-      samples that have the error. No interval of one image shows these, those over seeds do (`log_ratio`).
-
-    Source: benchmarks/error_coverage.py, a coverage having a standard error of up to 8 %.
+    Of squared errors, 1.96 standard errors of one image reach the mean over 40 seeds in 78 to 100 % of the seeds on
+    four scenes, and in 25 to 97 % on tt, where most images lack the rare bright samples that have the error
+    (benchmarks/error_coverage.py). No interval of one image shows these, those over seeds do (`log_ratio`).
     """
     height, width = values.shape
     mean = np.mean(values, dtype=np.float64)
@@ -68,20 +118,6 @@ def ratio_over_blocks(values: Array, baseline: Array) -> tuple[float, float]:
     quotient = np.mean(values, dtype=np.float64) / np.mean(baseline, dtype=np.float64)
     _, error = mean_over_blocks(values - quotient * baseline)
     return float(quotient), float(1.96 * error / abs(np.mean(baseline, dtype=np.float64)))
-
-
-def mse(image: Array | Result, first: Array | Reference, second: Array | None = None) -> float:
-    """Return the mean squared error over pixels and channels, against a reference or two independent halves of one.
-
-    Parameters
-    ----------
-    image
-        ``(H, W, 3)`` linear RGB, or a result, whose image is taken.
-    first, second
-        A `Reference`, whose two halves are taken; or images of the same shape: two independent halves of a reference,
-        whose own noise is not counted then, or one image, whose noise is.
-    """
-    return float(_product(image, first, second).mean())
 
 
 def mean_and_error(values: Array) -> tuple[float, float]:
@@ -108,14 +144,10 @@ def log_ratio(values: Array, baseline: Array) -> tuple[float, float]:
     """Return ``ln(mean(values) / mean(baseline))`` of paired values, and its standard error by the jackknife.
 
     With theta_k the same of all pairs but the k-th, the squared standard error is ``(K - 1) / K sum (theta_k -
-    mean(theta))^2`` (Tukey 1958). For few pairs with heavy tails, such as errors times seconds of 3 to 8 seeds:
-
-    * The logarithm treats a ratio and its inverse alike. Of two equal rules one is below the other's 95 % interval in
-      2 % to 4 % of experiments, whether values are lognormal (sigma 0.1 to 1) or Pareto (1.5); with `ratio`, which is
-      linear, in 3 % to 13 %.
-    * The mean of the logarithms of each pair's ratio compares geometric means, so it favours a rule whose error lies in
-      rare spikes, the more the more seeds there are: with equal means and sigma 1 against 0.1 in 8 %, 14 %, 23 % of
-      experiments with 3, 5, 8 seeds. The ratio of means is what a table shows; there it is 8 %, 10 %, 10 %.
+    mean(theta))^2`` (Tukey 1958). The logarithm treats a ratio and its inverse alike: of two equal rules one is below
+    the other's 95 % interval in 2 % to 4 % of experiments with 3 to 8 seeds, whether values are lognormal (sigma 0.1 to
+    1) or Pareto (1.5); with a linear ratio in 3 % to 13 %. A mean of logarithms would favour rules whose error lies in
+    rare spikes.
 
     Values and baseline are ``(K,)``, one number per seed. Both results are `nan` if the mean of either, of all or of
     all but one, is not above 0; the error also for K = 1.
@@ -153,35 +185,6 @@ def holm_levels(p: Array, level: float = 0.05) -> Array:
     return result
 
 
-def relmse(
-    image: Array | Result, first: Array | Reference, second: Array | None = None, epsilon: float = 0.01
-) -> float:
-    """Return the mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, no outliers trimmed.
-
-    See `relative_error`, which has the parameters.
-    """
-    return float(relative_error(image, first, second, epsilon).mean())
-
-
-def relative_error(
-    image: Array | Result, first: Array | Reference, second: Array | None = None, epsilon: float = 0.01
-) -> Array:
-    """Return ``(x - r)^2 / (r^2 + epsilon)`` of each pixel, mean over channels, ``(H, W)``.
-
-    Parameters
-    ----------
-    image, first, second
-        See `mse`; r is the mean of the halves. In the denominator its noise counts: with a reference of few samples
-        the result is too large.
-    epsilon
-        Bound of the denominator, in units of radiance squared: pixels much darker than its root count little.
-    """
-    first, second = _halves(first, second)
-    reference = (np.asarray(first, np.float64) + second) / 2
-    errors: Array = _product(image, first, second) / (reference * reference + epsilon)
-    return errors.mean(axis=2)
-
-
 def flip(image: Array | Result, reference: Array | Reference) -> Array:
     """Return the difference that a viewer would see of each pixel, ``(H, W)`` from 0 to 1.
 
@@ -207,20 +210,3 @@ def flip(image: Array | Result, reference: Array | Reference) -> Array:
     images = (np.maximum(np.asarray(of, np.float32), 0) for of in (truth, getattr(image, "image", image)))
     found, *_ = flip_evaluator.evaluate(*images, "HDR", applyMagma=False, computeMeanError=False)
     return np.asarray(found[..., 0])
-
-
-def _halves(first: Array | Reference, second: Array | None) -> tuple[Array, Array]:
-    """Return the two halves of a reference, or one image as both."""
-    if isinstance(first, Reference):
-        return first.first, first.second
-    return first, first if second is None else second
-
-
-def _product(image: Array | Result, first: Array | Reference, second: Array | None) -> Array:
-    """Return ``(x - r1)(x - r2)`` of every pixel and channel, float64."""
-    x = np.asarray(image.image if isinstance(image, Result) else image, np.float64)
-    first, second = _halves(first, second)
-    shapes = x.shape, np.shape(first), np.shape(second)
-    if len(set(shapes)) > 1:
-        raise ValueError(f"image and reference must have the same shape; got {', '.join(map(str, shapes))}")
-    return (x - first) * (x - second)

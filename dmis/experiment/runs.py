@@ -16,8 +16,6 @@ from functools import lru_cache, partial
 from itertools import product
 from typing import Any
 
-import numpy as np
-
 from dmis.base.validate import whole
 from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
@@ -241,11 +239,6 @@ def _run(turn: Turn, result: Result, cpu_seconds: float, reference: Reference, c
         *turn, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(image, reference), cpu_seconds,
         mean_z,
     )  # fmt: skip
-
-
-def median_seconds(runs: Sequence[Run]) -> float:
-    """Return the median of the CPU seconds of `runs`."""
-    return float(np.median([run.cpu_seconds for run in runs]))
 
 
 def fallbacks(budgets: Iterable[Budget]) -> list[str]:

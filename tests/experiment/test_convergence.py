@@ -9,7 +9,8 @@ import pytest
 from helpers import run
 
 import dmis
-from dmis.experiment.convergence import Gain, _ratios, gains, interpolate_log_log, line, over_scenes
+from dmis.experiment.convergence import Gain, gains, interpolate_log_log, intervals, line, over_scenes
+from dmis.experiment.metrics import log_ratio
 from dmis.experiment.runs import PINNED, measure
 from dmis.report.tables import winners
 
@@ -126,8 +127,9 @@ def test_several_rules_share_one_level():
     for _ in range(1500):
         mse, seconds = np.exp(0.2 * rng.standard_normal((2, 6, 4)))
         balance, *rules = mse * seconds
-        wrong += any(not i.low <= 1 <= i.high for i in _ratios([balance, *rules]))
-        alone.append([not i.low <= 1 <= i.high for rule in rules for i in _ratios([balance, rule])])
+        logs = [np.array([log_ratio(rule, balance)]) for rule in rules]
+        wrong += any(not i.low <= 1 <= i.high for i in intervals(np.concatenate(logs), 3))
+        alone.append([not i.low <= 1 <= i.high for log in logs for i in intervals(log, 3)])
     assert wrong / 1500 < 0.05 + 2 * 0.006 and np.any(alone, axis=1).sum() > 2 * wrong
     assert np.mean(alone) == pytest.approx(0.05, abs=0.01)
 
