@@ -6,8 +6,7 @@ import argparse
 
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.cli.shared import say
-from dmis.doctor.diagnosis import diagnose
-from dmis.doctor.page import page
+from dmis.doctor.diagnosis import diagnose, page
 
 
 def doctor(options: argparse.Namespace) -> int:

@@ -1,10 +1,11 @@
-"""The diagnosis of a table: verdict, causes, evidence; `dmis.diagnose` makes it."""
+"""The diagnosis of a table: verdict, causes, evidence; `dmis.diagnose` makes it, as text and as a page."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -12,16 +13,23 @@ import numpy as np
 from dmis.bench.samples import SampleTable
 from dmis.doctor.causes import Cause, name_causes, smallest_factors
 from dmis.doctor.evidence import joint_test
-from dmis.doctor.gains import FEW, firefly_share, savings
 from dmis.doctor.means import LEAST_ROWS, MOST, Test, smallest_visible, tests, z_limit
-from dmis.doctor.table import read_table
+from dmis.doctor.table import Table, read_table
 
 UNEXPLAINED = 1e-3
 """Probability of a misfit below which a cause does not explain a table."""
 JOINT_LEVEL = 0.003
 """Level of the joint test in each of both halves of the camera samples."""
-SHOWN = 6
-"""Tests of parts of the rows that the text shows, those of the largest z."""
+SHOWN, SHOWN_ON_PAGE = 6, 60
+"""Tests of parts of the rows that the text shows, and the page, those of the largest z."""
+SCALE = 12.0
+"""Pixels of a bar of the page for each standard error."""
+STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}td,th{padding:2px 9px;text-align:left}"
+STYLE += "pre{white-space:pre-wrap}.bad{background:#c33}.ok{background:#693}.few{background:#aaa}"
+PATCH = 8
+"""Side of the patches of pixels whose shares could differ, see `savings`."""
+FEW = 0.001
+"""Share of the camera samples that count as fireflies, those of the largest squares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,14 +89,12 @@ class Diagnosis:
         if not self.causes:
             return
         best = self.causes[0]
-        yield ""
-        explained = best.p >= UNEXPLAINED
-        same = ", which give the same table" if len(self.causes) > 1 else ""
-        yield f"causes that explain it{same}:" if explained else "the nearest causes:"
-        yield from (f"  {cause.share:4.0%}  {cause}" for cause in self.causes)
+        head = f"causes that explain it{', which give the same table' * (len(self.causes) > 1)}:"
         fit = f"nothing else is wrong once it is taken out (p = {best.p:.2g})"
-        if not explained:
+        if best.p < UNEXPLAINED:
+            head = "the nearest causes:"
             fit = f"it does not explain all (p = {best.p:.1g}): expect a second fault, or one of some materials"
+        yield from ("", head, *(f"  {cause.share:4.0%}  {cause}" for cause in self.causes))
         yield f"how sure: z = {best.z:.1f}; {fit}"
         yield from (f"  hint: {hint}" for hint in dict.fromkeys(cause.hint for cause in self.causes))
 
@@ -101,10 +107,8 @@ class Diagnosis:
             if test.trusted and abs(test.difference) == 2:
                 seen = f"{'BRDF' if test.difference > 0 else 'light'} sampling never draws these, though its pdf does"
             yield f"  {test.name:8} {test.where:18} {test.difference:+10.2%} {test.z:+7.1f}  {seen}"
-        count, few = (
-            sum(test.trusted for test in self.tests),
-            f"fewer than {LEAST_ROWS:.0f} rows of a technique expected",
-        )
+        few = f"fewer than {LEAST_ROWS:.0f} rows of a technique expected"
+        count = sum(test.trusted for test in self.tests)
         yield f"  limit of abs(z): {self.limit:.1f} for {count} tests; {len(self.tests) - count} left out: {few}"
         joint = f"left out: {few}" if np.isnan(self.joint) else f"p = {self.joint:.2g}, limit {JOINT_LEVEL:g}"
         yield f"  joint test in two halves: {joint}"
@@ -137,3 +141,47 @@ def diagnose(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) ->
     if not result.healthy:
         return replace(result, causes=tuple(name_causes(rows)))
     return replace(result, smallest=smallest_factors(rows))
+
+
+def firefly_share(table: Table) -> float:
+    """Return the part of the sum of squared estimates that the largest `FEW` of the camera samples have."""
+    estimates = np.bincount(table.sample, table.f / (table.a_l + table.a_b)) ** 2
+    few = max(1, round(FEW * len(estimates)))
+    return float(np.partition(estimates, -few)[-few:].sum() / max(estimates.sum(), 1e-30))
+
+
+def savings(table: Table) -> float:
+    """Return what the best share of each patch would save of the second moment of estimates, judged on other samples.
+
+    The second moment with share t is the sum of ``f^2 / ((t a_l + (1 - t) a_b) (a_l + a_b))``; t is chosen by every
+    other camera sample and judged by the rest.
+    """
+    patch = np.zeros(len(table), np.int64)
+    if table.shape is not None:
+        row, column = np.divmod(table.pixel, table.shape[1])
+        patch += row // PATCH * (table.shape[1] // PATCH + 1) + column // PATCH
+    patches = int(patch.max()) + 1
+    square = table.f.astype(float) ** 2 / (table.a_l + table.a_b)
+    half = patch + patches * (table.sample % 2)
+    shares = np.linspace(0.1, 0.9, 9)  # 1/2 stands for the numbers of samples of the table
+    moments = [np.bincount(half, square / (t * table.a_l + (1 - t) * table.a_b), 2 * patches) for t in shares]
+    chosen, judged = np.reshape(moments, (len(shares), 2, patches)).swapaxes(0, 1)
+    best = judged[chosen.argmin(axis=0), np.arange(patches)].sum()
+    return float(1 - best / max(judged[len(shares) // 2].sum(), 1e-30))
+
+
+def page(diagnosis: Diagnosis, name: str) -> str:
+    """Return the HTML of a diagnosis: its text, and a bar of z for each test; `name` is the table's."""
+    rows = []
+    for test in diagnosis.largest(SHOWN_ON_PAGE):
+        kind = "few" if not test.trusted else "bad" if abs(test.z) > diagnosis.limit else "ok"
+        width = min(300.0, SCALE * abs(test.z))
+        bar = f'<div class="{kind}" style="width:{width:.0f}px;height:10px"></div>'
+        cells = (test.name, test.where, f"{test.difference:+.2%}", f"{test.z:+.1f}", f"{test.rows:,}")
+        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + f"<td>{bar}</td></tr>")
+    head = "".join(f"<th>{title}</th>" for title in ("test", "rows", "difference", "z", "number", "abs(z)"))
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(name)}</title><style>{STYLE}</style>'
+        f"<h1>{escape(name)}</h1><pre>{escape(diagnosis.text())}</pre>"
+        f"<table><tr>{head}</tr>{''.join(rows)}</table></html>\n"
+    )

@@ -14,9 +14,8 @@ import dmis
 from dmis.cli.commands import main
 from dmis.doctor import means
 from dmis.doctor.causes import FITTED
-from dmis.doctor.diagnosis import Diagnosis
+from dmis.doctor.diagnosis import Diagnosis, firefly_share, savings
 from dmis.doctor.evidence import gather, joint_test
-from dmis.doctor.gains import firefly_share, savings
 from dmis.doctor.table import REQUIRED, read_table
 
 ROOT = Path(__file__).parents[2]
