@@ -150,9 +150,8 @@ def read_pilots(path: Path, shape: tuple[int, int] | None = None) -> Pilots:
 
     A ValueError if the file is not there, damaged, of another version, or a number or an array in it is not right.
     """
-    about, arrays = _read(path)
     tables = {}
-    with _named(path):
+    with _content(path) as (about, arrays):
         for of_pilot in about:
             w, rays, size = number("w", of_pilot["w"], 0, 1), of_pilot["rays"], pair("shape", of_pilot["shape"], whole)
             spp, s = (whole(name, of_pilot[name], 1) for name in ("spp", "shading_samples"))
@@ -171,8 +170,7 @@ def read_pilots(path: Path, shape: tuple[int, int] | None = None) -> Pilots:
 
 def read_truth(path: Path) -> Truth:
     """Return the converged curves in a file; errors are those of `read_pilots`."""
-    about, arrays = _read(path)
-    with _named(path):
+    with _content(path) as (about, arrays):
         height, width = pair("the first two numbers of about, H and W,", about[:2], partial(whole, least=1))
         blocks = whole("the third number of about, blocks,", about[2] if len(about) > 2 else 1, 1)
         if blocks > 1 and (blocks % GROUPS or height % (blocks * PATCH)):
@@ -184,12 +182,26 @@ def read_truth(path: Path) -> Truth:
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Let errors that come from what is in a file name it."""
+def _content(path: Path) -> Iterator[tuple[Any, dict[str, np.ndarray]]]:
+    """Give what the header of a file says about its arrays, and these; errors that come from them name the file."""
+    if not path.exists():
+        make = "Make it in a checkout of dmis: python benchmarks/mis_bench.py (ten minutes)"
+        raise ValueError(f"there is no {path}. {make}, or try --scenes {SMALL}")
     try:
-        yield
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = dict(archive)
+        header = json.loads(str(arrays.pop("header")))
+        about = header["about"]
+        intact = header["mis-bench"] == VERSION and header["checksum"] == checksum(arrays)
+    except Exception:  # a damaged archive may raise anything
+        intact = False
+    if not intact:
+        reason = "it is damaged, or its SHA-256 is not that in its header"
+        raise ValueError(f"{path} must be a file of MIS-Bench {VERSION}; {reason}. Remove it and make it again")
+    try:
+        yield about, arrays
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        reason = error if isinstance(error, ValueError) else f"its header lacks something ({error!r})"
+        reason = str(error) if isinstance(error, ValueError) else f"its header lacks something ({error!r})"
         raise ValueError(f"{path}: {reason}; docs/bench-files.md lists what a file must hold") from error
 
 
@@ -234,25 +246,6 @@ def _checked(
             )
         checked[row["array"]] = array
     return checked
-
-
-def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
-    """Return what the header of a file says about its arrays, and these; see `read_pilots`."""
-    if not path.exists():
-        make = "Make it in a checkout of dmis: python benchmarks/mis_bench.py (ten minutes)"
-        raise ValueError(f"there is no {path}. {make}, or try --scenes {SMALL}")
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = dict(archive)
-        header = json.loads(str(arrays.pop("header")))
-        about = header["about"]
-        intact = header["mis-bench"] == VERSION and header["checksum"] == checksum(arrays)
-    except Exception:  # a damaged archive may raise anything
-        intact = False
-    if not intact:
-        reason = "it is damaged, or its SHA-256 is not that in its header"
-        raise ValueError(f"{path} must be a file of MIS-Bench {VERSION}; {reason}. Remove it and make it again")
-    return about, arrays
 
 
 def checksum(arrays: Mapping[str, np.ndarray]) -> str:

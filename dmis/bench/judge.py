@@ -104,30 +104,28 @@ def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> Array:
     without each group of them, ``(groups, 6)``.
     """
     blocks = truth.split()
-    balance = [Budget(SPP, block.shape, SETTINGS).final(Fit(0.5)) for block in blocks]
-    finals, adaptive = balance, rule == "oracle-samples"
-    oracle = isinstance(rule, str) and rule in ORACLES
-    if not oracle:
+    of_balance = _maps([Budget(SPP, block.shape, SETTINGS).final(Fit(0.5)) for block in blocks], blocks)
+    of_rule, adaptive = None, rule == "oracle-samples"
+    if not (isinstance(rule, str) and rule in ORACLES):
         pilots = read_pilots(path_of(scene, seed), truth.shape)
         finals = [decide(rule, part, seed) for part in pilots.split(len(blocks))]
-        adaptive = np.ndim(finals[0].spp) > 0 and finals[0].patterns is None
-    of_rule, of_balance = (
-        [np.concatenate([of_pixels(*item, m) for item in zip(maps, blocks, strict=True)], axis=1) for m in range(2)]
-        for maps in (finals, balance)
+        of_rule = _maps(finals, blocks)
+        adaptive = len(blocks) == 1 and np.ndim(finals[0].spp) > 0 and finals[0].patterns is None
+    return np.array([_of_image(of_rule, of_balance, adaptive, part) for part in truth.leave_one_out()])
+
+
+def _maps(finals: Sequence[Round], blocks: Sequence[Truth]) -> Array:
+    """Return what `of_pixels` returns of the rounds of blocks, by measure, ``(2, 3, H, W)``."""
+    maps = np.stack(
+        [np.concatenate([of_pixels(*item, m) for item in zip(finals, blocks, strict=True)], axis=1) for m in range(2)]
     )
     if len(blocks) > 1:  # numbers of samples are decided for a whole image
-        adaptive = adaptive and oracle
-        for maps in (*of_rule, *of_balance):
-            maps[2] = 1
-    return np.array(
-        [_of_image(None if oracle else of_rule, of_balance, adaptive, part) for part in truth.leave_one_out()]
-    )
+        maps[:, 2] = 1
+    return maps
 
 
-def _of_image(
-    of_rule: Sequence[Array] | None, of_balance: Sequence[Array], adaptive: bool, truth: Truth
-) -> list[float]:
-    """Return `COLUMNS` from what `of_pixels` returns, by measure; None: of the oracle."""
+def _of_image(of_rule: Array | None, of_balance: Array, adaptive: bool, truth: Truth) -> list[float]:
+    """Return `COLUMNS` from what `_maps` returns; None: of the oracle."""
     ratios, savings = [], []
     for measure in range(2):
         curves = Oracle(truth.variance[measure, 0], truth.cost, PATCH, SPP, truth.shape, weight=truth.weight)
@@ -137,19 +135,16 @@ def _of_image(
         ratios.append(ratio)
         savings.append((1 - ratio) / (1 - least) if least < 1 else np.nan)
     products = truth.variance[0, 0] * truth.cost
-    lit = products[HALF] > 0
-    least_product = product = products.min(axis=0)
+    half = products[HALF]
+    product = least_product = products.min(axis=0)
     if of_rule is not None:
         variance, cost, _ = of_rule[0]
         product = patch_mean(variance, PATCH) * patch_mean(cost, PATCH)
-    regret, harm = (a[lit] / products[HALF][lit] for a in (product - least_product, product))
+    lit = half > 0
     weight = None if truth.weight is None else truth.weight[lit]
-    return [
-        *ratios,
-        *savings,
-        float(np.average(regret, weights=weight)),
-        float(np.average(harm > HARM_LIMIT, weights=weight)),
-    ]
+    regret = np.average((product - least_product)[lit] / half[lit], weights=weight)
+    harm = np.average(product[lit] / half[lit] > HARM_LIMIT, weights=weight)
+    return [*ratios, *savings, float(regret), float(harm)]
 
 
 def shares_and_samples(final: Round) -> tuple[Array, Array | int]:

@@ -13,7 +13,8 @@ from dmis.base.vectors import Array
 from dmis.bench.data import FULL, PACKAGED, SCENES, SMALL, path_of, read_pilots
 from dmis.bench.decide import AnyRule, decide
 from dmis.bench.judge import shares_and_samples
-from dmis.estimator.cost import CAMERA, RAY, SHADING, UNTRACED, count_camera_samples, surface_points
+from dmis.bench.samples import cost_without_shadow_rays
+from dmis.estimator.cost import RAY, UNTRACED, count_camera_samples
 from dmis.estimator.settings import Settings
 from dmis.fit.fixed import Given
 from dmis.fit.round import Round
@@ -68,13 +69,9 @@ def measure(scene: Scene, settings: Settings, final: Round, seconds: float, spp:
     while len(images) < 8 or ((error > SE).any() and process_time() - begin < seconds):
         result = render(scene, rule, spp, seed=FIRST_SEED + len(images), parallel=1, settings=settings)
         images.append(result.image.mean(axis=2))
-        untraced = round(float(result.samples.sum())) - result.rays["camera"]
-        rays, s = {**result.rays, UNTRACED: untraced}, settings.shading_samples
-        per_camera_sample = {
-            kind: rays.get(kind, 0) / count_camera_samples(rays) for kind in ("shadow", "brdf", "delta")
-        }
-        cost = surface_points(rays) * (CAMERA + SHADING * s) + RAY * sum(per_camera_sample.values())
-        costs.append(spp * (cost + SHADING * per_camera_sample["delta"]))
+        rays = {**result.rays, UNTRACED: round(float(result.samples.sum())) - result.rays["camera"]}
+        traced = sum(rays.get(kind, 0) for kind in ("shadow", "brdf")) / count_camera_samples(rays)
+        costs.append(spp * (cost_without_shadow_rays(rays, settings.shading_samples) + RAY * traced))
         if len(images) % 8 == 0:
             grey = np.stack(images)
             mean = grey.mean(axis=0)

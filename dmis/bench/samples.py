@@ -136,11 +136,15 @@ def samples(
     columns = dict(zip(COLUMNS, map(np.concatenate, zip(*recorder.rows, strict=True)), strict=True))
     columns["f"] *= np.float32(job.gain)
     s = job.settings.shading_samples
-    of_deltas = (SHADING + RAY) * rays["delta"] / count_camera_samples(rays)
-    of_camera_sample = surface_points(rays) * (CAMERA + SHADING * s) + of_deltas
-    columns["cost"][columns["technique"] < 0] = of_camera_sample
+    columns["cost"][columns["technique"] < 0] = cost_without_shadow_rays(rays, s)
     table = SampleTable(**columns, shape=shape, spp=spp, shading_samples=s, rays=rays)
     return table.rows(np.isin(table.pixel, chosen))
+
+
+def cost_without_shadow_rays(rays: Mapping[str, int], shading_samples: int) -> float:
+    """Return the cost of a camera sample, delta lights included, without the rays of its shading samples."""
+    of_deltas = (SHADING + RAY) * rays.get("delta", 0) / count_camera_samples(rays)
+    return surface_points(rays) * (CAMERA + SHADING * shading_samples) + of_deltas
 
 
 def _pixel_numbers(pixels: Any, xy: Any, height: int, width: int) -> np.ndarray:
