@@ -4,7 +4,7 @@ import json
 import re
 import sys
 import zipfile
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,29 +15,9 @@ import pytest
 import dmis
 from dmis.base.patches import PATCH, patch_mean, patch_spread
 from dmis.base.vectors import Array
-from dmis.bench.data import (
-    GRID,
-    HALF,
-    PACKAGED,
-    SMALL,
-    Pilots,
-    Truth,
-    checksum,
-    path_of,
-    read_pilots,
-    read_truth,
-)
+from dmis.bench.data import GRID, HALF, PACKAGED, SMALL, Pilots, Truth, checksum, path_of, read_pilots, read_truth
 from dmis.bench.decide import SETTINGS, SPP, _part, decide
-from dmis.bench.judge import (
-    BASELINES,
-    ORACLES,
-    STYLES,
-    error_time,
-    interval,
-    of_pixels,
-    report,
-    score,
-)
+from dmis.bench.judge import BASELINES, ORACLES, STYLES, Score, error_time, interval, of_pixels, report, score
 from dmis.bench.samples import SampleTable
 from dmis.cli.commands import main
 from dmis.estimator.cost import count_camera_samples, surface_points
@@ -115,7 +95,7 @@ def test_pixels_by_column_and_row() -> None:
             dmis.samples(scene, more, xy=xy)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("pixels", [[-1], [36 * 33], [0.5], [], (3, 4), [[3, 4]], 3])
+@pytest.mark.parametrize("pixels", [[-1], [36 * 33], [0.5], [], (3, 4), 3])
 def test_refuses_pixels_that_are_not_there(pixels: list[float]) -> None:
     with pytest.raises(ValueError, match="pixels must be whole numbers from 0 to 1187"):
         dmis.samples(shared_scene("teapot-area-light", (36, 33)), pixels)  # type: ignore[arg-type]
@@ -274,37 +254,28 @@ def test_small_scene_is_what_the_command_makes() -> None:
         np.testing.assert_allclose(kept.tables[w].radiance(), table.radiance(), rtol=1e-2, atol=1e-3)
 
 
-def test_scores_without_embree(tmp_path: Path) -> None:
-    """A rule of 20 lines is scored in a moment; Embree is not even imported."""
-    (tmp_path / "my_rule.py").write_text(RULE)
-    assert RULE.count("\n") <= 20
-    code = (
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import dmis, my_rule\n"
-        f"score = dmis.score(my_rule.rule, ['small'])\n"
-        f"print(any(name.startswith('embreex') for name in sys.modules), score.rule, float(score.over_scenes()[0, 1]))"
-    )
-    loaded, name, relative = fresh_python(code).split()
-    assert loaded == "False" and name == "rule" and 0.8 < float(relative) < 1
-
-
 BLOCKED = "import sys; sys.modules.update(dict.fromkeys(('embreex', 'trimesh', 'OpenEXR')))\n"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "bench-files.md"
 WRITER, SCORES = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)
 
 
 def test_scores_without_embree_trimesh_and_openexr(tmp_path: Path) -> None:
-    """A stranger's file is written and scored, and so are scenes that come with dmis; rays have a clear error."""
+    """A stranger's file is written and scored, and so are scenes that come with dmis, by a rule of 20 lines; rays have
+    a clear error.
+    """
+    assert RULE.count("\n") <= 20
     code = f"""{BLOCKED}
 import os; os.chdir({str(tmp_path)!r})
-{WRITER}{SCORES}
+{WRITER}{SCORES}{RULE}
 print(*dmis.score("thesis", {PACKAGED}).values)
+print(float(dmis.score(rule, ['small']).over_scenes()[0, 1]))
 try:
     dmis.intersect.Intersector(np.eye(3), np.array([[0, 1, 2]]))
 except ValueError as error:
     print(error)
 """
-    *_, scenes, error = fresh_python(code).splitlines()
-    assert scenes.split() == list(PACKAGED)
+    *_, scenes, relative, error = fresh_python(code).splitlines()
+    assert scenes.split() == list(PACKAGED) and 0.8 < float(relative) < 1
     assert error.startswith("a render, which traces rays, needs embreex, which cannot be imported")
     assert "pip install embreex" in error and error.endswith("dmis.score needs no rays")
 
@@ -466,6 +437,7 @@ def test_files_keep_what_was_written(tmp_path: Path, planted: Truth) -> None:
 
 
 def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
+    """Files that are cut, have another byte, or other values with the checksum of the old ones, or none."""
     path = tmp_path / "truth.npz"
     with pytest.raises(ValueError, match="Make it in a checkout of dmis: python benchmarks"):
         read_truth(path)
@@ -473,46 +445,32 @@ def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
     data = bytearray(path.read_bytes())
     with zipfile.ZipFile(path) as archive:
         largest = max(archive.infolist(), key=lambda member: member.compress_size)
+    with np.load(path) as arrays_of_file:
+        arrays = dict(arrays_of_file)
     data[largest.header_offset + 60 + largest.compress_size // 2] ^= 1
-    path.write_bytes(data)
-    with pytest.raises(ValueError, match="it is damaged"):
-        read_truth(path)
-    path.write_bytes(b"PK")
-    with pytest.raises(ValueError, match="it is damaged"):
-        read_truth(path)
-
-
-def test_tables_are_compared_with_their_sha256(tmp_path: Path, planted: Truth) -> None:
-    """An archive that was written again with other values is refused, and so is one without a checksum."""
-    path = tmp_path / "truth.npz"
-    write_truth(path, planted)
-    with np.load(path) as archive:
-        arrays = dict(archive)
-    np.savez(path, **(arrays | {"power": arrays["power"] * 2}))
-    with pytest.raises(ValueError, match="its SHA-256 is not that in its header"):
-        read_truth(path)
     header = json.loads(str(arrays["header"]))
     del header["checksum"]
-    np.savez(path, **(arrays | {"header": np.array(json.dumps(header))}))
-    with pytest.raises(ValueError, match="it is damaged"):
-        read_truth(path)
+    for change in (
+        lambda: path.write_bytes(data),
+        lambda: path.write_bytes(b"PK"),
+        lambda: np.savez(path, **(arrays | {"power": arrays["power"] * 2})),
+        lambda: np.savez(path, **(arrays | {"header": np.array(json.dumps(header))})),
+    ):
+        change()
+        with pytest.raises(ValueError, match="it is damaged, or its SHA-256 is not that in its header"):
+            read_truth(path)
 
 
 @pytest.mark.parametrize(("name", "change", "message"), [
     ("-0 about", lambda about: [{**p, "shape": [24, 18]} for p in about], r"shape of all pilots .*; got \(24, 18\)"),
     ("-0 about", lambda about: [{**about[0], "spp": 1}], "'0.0 camera_sample' must .* from 0 to 0; got .* from 0 to 1"),
     ("-0 about", lambda about: [{"w": 0.5}], "lacks something .KeyError"),
-    ("-0 about", lambda about: [], "a list with an entry for each pilot"),
-    ("-0 about", lambda about: 3, "lacks something .TypeError"),
     ("-0 0.5 f", lambda f: f * np.nan, r"'0.5 f' must have shape \(N 3\).* from nan to nan"),
-    ("-0 0.5 p_l", lambda p: p[:9], r"'0.5 p_l' must have shape .* got shape \(9,\)"),
-    ("-0 0.5 p_b", np.negative, "'0.5 p_b' must .* from 0 to inf"),
     ("-0 0.5 technique", lambda t: t + 0.0, "'0.5 technique' must .* integer values from -1 to 1; got .* float64"),
     ("-0 1.0 pixel", None, "'1.0 pixel' must"),
     ("-0 feature normal", lambda n: n[:, 1:], r"'feature normal' must have shape \(3 R C\) = \(3, 5, 6\)"),
     (" about", lambda about: [18], "H and W, must be two numbers"),
     (" about", lambda about: [18, 24, 5], "blocks must be 1, or a multiple of 12"),
-    (" variance", np.negative, "'variance' must .* from 0 to inf"),
 ])  # fmt: skip
 def test_what_a_file_holds_is_checked(tmp_path: Path, name: str, change, message: str) -> None:
     """The checksum is right, but not one number or array (None: there is none): score names file and array."""
@@ -531,41 +489,17 @@ def test_what_a_file_holds_is_checked(tmp_path: Path, name: str, change, message
         score("second-moment", [str(tmp_path / "own.npz")])
 
 
-class Endless(dmis.Rule):
-    """A rule whose pilot is larger than a table."""
-
-    pilot = {0.5: 100}  # noqa: RUF012
-
-    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
-        return Fit(0.5)
+THREE = "light", "brdf", "uniform"
 
 
-class OfPixels(Endless):
-    """A rule that looks at the pixels."""
+class Asking(dmis.Rule):
+    """A rule that asks for the rounds which a function of the budget returns."""
 
-    pilot = {0.5: 2}  # noqa: RUF012
-    needs_features = "pixels"
-
-
-class OwnTechnique(Endless):
-    """A rule with a third technique, as that of docs/your-rule.md."""
+    def __init__(self, ask: Callable[[Budget], Round]) -> None:
+        self.ask = ask
 
     def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
-        yield budget.final(Fit((0.4, 0.4, 0.2)), 0, techniques=("light", "brdf", "uniform"))
-
-
-class Directions(Endless):
-    """A rule whose statistic reads the directions of samples."""
-
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
-        yield budget.pilot(0.5, 2, lambda *_: SimpleNamespace(directions=True))
-
-
-class Unfinished(dmis.Rule):
-    """A rule that asks for no final pass."""
-
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
-        yield budget.pilot(0.5, 2)
+        yield self.ask(budget)
 
 
 @pytest.mark.parametrize(
@@ -575,11 +509,14 @@ class Unfinished(dmis.Rule):
         ("one-sample:0.5", "has random shares of light and brdf"),
         ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),
-        (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
-        (OfPixels(), "needs features of pixels; the data hold those of patches"),
-        (OwnTechnique(), "samples by light and brdf and uniform; the data hold light and brdf alone"),
-        (Directions(), "needs directions of samples; the data hold densities. Measure it by compare"),
-        (Unfinished(), "must yield a final round"),
+        (Asking(lambda b: b.pilot(0.5, 100)), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 oth"),
+        (
+            Asking(lambda b: replace(b.pilot(0.5, 2), needs_features="pixels")),
+            "needs features of pixels; the data hold",
+        ),
+        (Asking(lambda b: b.final(Fit((0.4, 0.4, 0.2)), 0, techniques=THREE)), "samples by light and brdf and uniform"),
+        (Asking(lambda b: b.pilot(0.5, 2, lambda *_: SimpleNamespace(directions=True))), "needs directions of samples"),
+        (Asking(lambda b: b.pilot(0.5, 2)), "must yield a final round"),
         (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),
         (lambda tables: None, "a function must return one share .* got None"),
         (lambda tables: np.full(tables[0.5].shape, 2.0), r"weight must be in \[0, 1\]"),
@@ -595,15 +532,10 @@ def test_numbers_of_samples_count() -> None:
     """A function may also return numbers of samples; the scale of these does not matter."""
 
     def rule(tables: Mapping[float, SampleTable]) -> tuple[float, Array]:
-        samples = patch_spread(
-            patch_mean(tables[0.5].radiance().std(axis=0).mean(axis=2), PATCH) + 0.02, PATCH, (18, 24)
-        )
-        return 0.5, samples
+        deviation = tables[0.5].radiance().std(axis=0).mean(axis=2)
+        return 0.5, patch_spread(patch_mean(deviation, PATCH) + 0.02, PATCH, (18, 24))
 
-    value, scaled = (
-        score(rule, [SMALL]).values[SMALL][0],
-        score(lambda t: (0.5, 9 * rule(t)[1]), [SMALL]).values[SMALL][0],
-    )
+    value, scaled = (score(of, [SMALL]).values[SMALL][0] for of in (rule, lambda t: (0.5, 9 * rule(t)[1])))
     assert value[0] < 0.6
     np.testing.assert_allclose(value, scaled)
 
@@ -611,10 +543,8 @@ def test_numbers_of_samples_count() -> None:
 @pytest.mark.parametrize("style", STYLES)
 def test_reports(style: str) -> None:
     """Tables name rules and scenes; intervals come from seeds."""
-    both = replace(
-        score("thesis", [SMALL]), values={SMALL: np.array([[0.8, 0.9, 0.1, 0.2, 0.3, 0.4], [1.0, 1.1, 0, 0, 0, 0]])}
-    )
-    text = report({"thesis": both}, style)
+    values = {SMALL: np.array([[0.8, 0.9, 0.1, 0.2, 0.3, 0.4], [1.0, 1.1, 0, 0, 0, 0]])}
+    text = report({"thesis": Score("thesis", values)}, style)
     assert "thesis" in text and SMALL in text
     if style == "json":
         assert json.loads(text)["scores"]["thesis"][SMALL][0] == [0.8, 1.0]

@@ -40,7 +40,7 @@ def test_a_stale_reference_raises_the_alarm_once_for_a_rule(stale):
 
 @pytest.mark.usefixtures("without_plots")
 def test_comparison_and_report_have_the_alarm(stale, tmp_path):
-    """A line below the table, a paragraph and a mark on the page, a column of results.csv; and again when resumed."""
+    """A line below the table, a paragraph and a mark on the page; and again when resumed."""
     scene, reference = stale
     for _ in range(2):
         with pytest.warns(alarm.ReferenceWarning):
@@ -49,9 +49,6 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path):
         assert lines[-1].startswith("Alarm in 3 of 3 renders: the mean of the image is") and lines[-2] == ""
         page = (tmp_path / "report.html").read_text("utf-8")
         assert page.count('<p class="alarm">') == 1 and "pbrt ⚠" in page and "balance ⚠" in page
-    head, *rows = (tmp_path / "results.csv").read_text().splitlines()
-    assert head.endswith(",cpu_seconds,mean_z,mse_over_pinned,relmse_over_balance,relmse_over_pinned")
-    assert all(float(row.split(",")[-4]) < -alarm.ALARM_LIMIT for row in rows)
 
 
 @pytest.mark.usefixtures("without_plots")
@@ -85,11 +82,11 @@ def test_a_pilot_that_makes_most_of_the_variance_is_named(tmp_path):
     assert re.fullmatch(text + r"by reuse_pilot=False, or by an image_weight of 0 in its round\.", lines[0])
 
 
-@pytest.mark.parametrize("errors, noisy", [([0.9, 0.21], False), ([0.9, 0.19], True), ([-1e-9], True), ([], False)])
-def test_noise_of_a_reference(errors, noisy):
+def test_noise_of_a_reference():
     """Its own error of 0.01 is 5 % of 0.2; one image given as both halves has none that is known."""
     first, second = np.full((4, 4, 3), 1.0), np.full((4, 4, 3), 1.2)
-    assert bool(alarm.reference_noise(dmis.Reference(first, second, 8), errors)) == noisy
+    for errors, noisy in (([0.9, 0.21], False), ([0.9, 0.19], True), ([-1e-9], True), ([], False)):
+        assert bool(alarm.reference_noise(dmis.Reference(first, second, 8), errors)) == noisy
     assert alarm.reference_noise(dmis.Reference(first, first, 0), [0.2]) == ""
 
 

@@ -5,7 +5,6 @@ import pytest
 import scipy.stats
 from block_error import block_error
 
-import dmis
 from dmis.experiment.metrics import (
     holm_levels,
     log_ratio,
@@ -23,7 +22,7 @@ from dmis.experiment.metrics import (
 def test_closed_forms():
     """All measures have their closed forms for an offset of 0.1 from a constant reference of 0.5."""
     image, reference = np.full((4, 4, 3), 0.6), np.full((4, 4, 3), 0.5)
-    assert mse(image, reference) == pytest.approx(0.01)
+    assert mse(image, reference) == pytest.approx(0.01) and squared_error(image, reference).shape == (4, 4)
     assert relmse(image, reference) == pytest.approx(0.01 / 0.26)
     assert block_error(image, reference, 2) == pytest.approx(0.2)
     # halves of .3 and .7: (.6 - .3) (.6 - .7) / (.5^2 + .01)
@@ -93,10 +92,8 @@ def test_error_of_pixels_that_go_together(shape, together):
     rng = np.random.default_rng(3)
     found, ratios = [], []
     for _ in range(150):
-        one, two = (
-            np.kron(rng.exponential(size=(30 * 8 // together,) * 2), np.ones((together,) * 2)) for _ in range(2)
-        )
-        one, two = (v[: shape[0], : shape[1]] for v in (one, two))
+        values = rng.exponential(size=(2, 240 // together, 240 // together))
+        one, two = np.kron(values, np.ones((1, together, together)))[:, : shape[0], : shape[1]]
         found.append(mean_over_blocks(one))
         ratios.append(ratio_over_blocks(one + two, 2 * two))
     for (means, errors), factor in ((np.array(found).T, 1), (np.array(ratios).T, 1.96)):
@@ -104,18 +101,6 @@ def test_error_of_pixels_that_go_together(shape, together):
     assert mean_over_blocks(np.full(shape, 3.0)) == (3, 0)
     assert ratio_over_blocks(2 * one, one) == pytest.approx((2, 0))
     assert mean_over_blocks(np.arange(6.0).reshape(2, 3))[0] == 2.5
-
-
-def test_error_of_one_image_does_not_show_rare_samples(box):
-    """Of 40 seeds 95 % are covered; if a third of images has a bright sample, few, by errors right in square."""
-    reference = dmis.render(box, "balance", 4096, seed=99).image
-    maps = np.array([squared_error(dmis.render(box, "balance", 4, seed=k, parallel=1), reference) for k in range(40)])
-    rare = maps.copy()
-    rare[::3, 5, 7] += 50 * maps.mean() * maps[0].size
-    for values, least, most in ((maps, 0.95, 1), (rare, 0, 0.4)):
-        means, errors = np.array([mean_over_blocks(v) for v in values]).T
-        assert least <= np.mean(abs(means - means.mean()) < 1.96 * errors) <= most
-    assert np.sqrt(np.mean(errors**2)) == pytest.approx(means.std(), rel=0.3)
 
 
 def test_log_ratio_by_hand():

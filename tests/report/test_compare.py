@@ -16,23 +16,14 @@ from dmis.report.compare import parse_rules
 SIZE = ["--resolution", "24x18", "--reference-spp", "16"]
 
 
-@pytest.mark.parametrize(
-    "text, rules",
-    [
-        ("balance", ["balance"]),
-        ("balance,thesis", ["balance", "thesis"]),
-        ("thesis:patch=8,filter=none,auto", ["thesis:patch=8,filter=none", "auto"]),
-        ("fixed:0.25,fixed:0.75", ["fixed:0.25", "fixed:0.75"]),
-        ("auto, thesis:8,sigma=2 ,auto", ["auto", "thesis:8,sigma=2"]),
-    ],
-)
-def test_parse_rules(text, rules):
-    """The name of a rule begins a new rule, everything else is an option; repeated rules are dropped."""
-    assert parse_rules(text) == rules
-
-
-def test_all_rules():
-    """``all`` stands for every rule with its defaults, except those that need a value or are for teaching."""
+def test_parse_rules():
+    """The name of a rule begins a new rule, everything else is an option; repeated rules are dropped. ``all`` stands
+    for every rule with its defaults, except those that need a value or are for teaching.
+    """
+    assert parse_rules("balance,thesis") == ["balance", "thesis"]
+    assert parse_rules("thesis:patch=8,filter=none,auto") == ["thesis:patch=8,filter=none", "auto"]
+    assert parse_rules("fixed:0.25,fixed:0.75") == ["fixed:0.25", "fixed:0.75"]
+    assert parse_rules("auto, thesis:8,sigma=2 ,auto") == ["auto", "thesis:8,sigma=2"]
     assert set(parse_rules("all")) == set(RULES) - {"fixed", "uniform"}
 
 
@@ -59,7 +50,6 @@ def test_bad_rules(text, message):
         ({"spp": 16}, r"spp must be a list, such as \[16\]; got 16"),
         ({"spp": [0]}, r"spp must be a whole number of at least 1; got 0"),
         ({"seeds": 0}, r"seeds must be a whole number of at least 1, or a list of seeds; got 0"),
-        ({"seeds": ["a"]}, r"a seed must be a whole number of at least 0; got 'a'"),
         ({"reference": "r"}, r"reference must be a dmis\.Reference of 32x24 .*dmis\.make_reference.*; got str"),
         ({"techniques": "light"}, r"techniques must be names such as \('light', 'brdf'\); got 'light'"),
     ],
@@ -82,11 +72,9 @@ def test_compare(tmp_path, capsys):
     with open(out / "results.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == COLUMNS
-    done = [(row["rule"], int(row["spp"]), int(row["seed"])) for row in rows]
-    assert sorted(done) == sorted(
-        [(rule, n, seed) for seed in (0, 1) for n in (4, 8) for rule in ("pinned", "balance", "fixed:1")]
-        + [("thesis", 8, seed) for seed in (0, 1)]
-    )
+    rules = {"4": ("pinned", "balance", "fixed:1"), "8": ("pinned", "balance", "fixed:1", "thesis")}
+    expected = {(rule, n, seed) for seed in "01" for n in rules for rule in rules[n]}
+    assert len(rows) == len(expected) and {(row["rule"], row["spp"], row["seed"]) for row in rows} == expected
     for row in rows:
         parts = sum(float(row[f"{stage}_seconds"]) for stage in ("pilot", "fit", "render"))
         assert float(row["seconds"]) == pytest.approx(parts, abs=2e-4)
@@ -104,18 +92,7 @@ def test_errors_of_a_crop(tmp_path, capsys):
     bright = reference.first.copy()
     bright[2, 3] += 1e3
     dmis.write_exr(tmp_path / "bright.exr", {"first": bright, "second": bright})
-    small = [
-        "compare",
-        "teapot-area-light",
-        "--resolution",
-        "24x18",
-        "--rules",
-        "balance",
-        "--spp",
-        "4,8",
-        "--seeds",
-        "1",
-    ]
+    small = "compare teapot-area-light --resolution 24x18 --rules balance --spp 4,8 --seeds 1".split()
     small += ["--reference", str(tmp_path / "bright.exr")]
     assert main([*small, "-o", str(tmp_path / "all")]) == 0
     printed = capsys.readouterr().out
