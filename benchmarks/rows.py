@@ -10,8 +10,6 @@ from pathlib import Path
 from dmis.experiment.runs import Run
 
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
-KINDS = {field.name: {"int": int, "float": float, "str": str}[str(field.type)] for field in fields(Run)}
-"""Types of the columns of a run."""
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
@@ -40,8 +38,7 @@ def read_runs(path: Path) -> dict[str, list[Run]]:
     """Return the runs of each scene in a file, none if there is no file; scenes are named as ``tt 300×167``."""
     runs: dict[str, list[Run]] = {}
     for row in read_rows(path):
-        scene = row.pop("scene")
-        runs.setdefault(scene, []).append(Run(**{key: KINDS[key](text) for key, text in row.items()}))
+        runs.setdefault(row["scene"], []).append(Run.read(row))
     return runs
 
 

@@ -25,6 +25,8 @@ from dmis.scene.scene import Scene
 SE, SECONDS, FIRST_SEED = 0.025, 12.0, 10_000
 """Relative standard error at which a measurement ends, CPU seconds at which it ends anyway, and its first seed, which
 neither pilots nor curves have used."""
+SIZES = {SMALL: (24, 18), "ten-lights": (60, 45), "veach-mis": (72, 54)}
+"""Resolutions of scenes that differ from the others."""
 BOUND = 0.01
 """Bound of the denominator of relative errors, as that of `dmis.experiment.metrics.relmse`."""
 
@@ -40,12 +42,9 @@ def load(name: str) -> tuple[Scene, Settings]:
             f"only scenes that come with dmis can be rendered, {', '.join((*SCENES, *FULL, *PACKAGED))}; got {name!r}"
         )
     settings = Settings(sampler="independent", compensation=0)
-    small = name in PACKAGED
     full_name = "teapot-area-light" if name == SMALL else name.removeprefix("small-").removeprefix("full-")
-    sizes = {"ten-lights": (60, 45), "veach-mis": (72, 54)}
-    resolution: tuple[int, int] | None = None
-    if name not in FULL:
-        resolution = (24, 18) if name == SMALL else (48, 36) if small else sizes.get(name, (100, 75))
+    resolution = None if name in FULL else (48, 36) if name in PACKAGED else (100, 75)
+    resolution = SIZES.get(name, resolution)
     if full_name == "many-lights":
         make = runpy.run_path(str(SCENE_FOLDER / "make_many_lights.py"))["many_lights"]
         return make() if resolution is None else make(resolution=resolution), settings

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from itertools import product
 from typing import Any
@@ -77,6 +77,12 @@ class Run:
     relmse: float
     cpu_seconds: float = float("nan")
     mean_z: float = float("nan")
+
+    @classmethod
+    def read(cls, row: Mapping[str, str | None]) -> Run:
+        """Return the run of a row of a table, cells by the names of their columns; a ValueError if it is none."""
+        kinds = {"str": str, "int": int, "float": float}
+        return cls(**{field.name: kinds[str(field.type)](row[field.name] or "") for field in fields(cls)})
 
     @property
     def overhead(self) -> float:

@@ -13,7 +13,7 @@ import os
 import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -128,7 +128,7 @@ class Results:
                 raise refusal(self._path, f"was measured under other conditions: {'; '.join(changes)}")
             self.about = before | self.about
             self.runs = read_runs(self._path)
-            rows = _whole_lines(self._path) or rows
+            rows = _whole_lines(self._path)
         (folder / "images").mkdir(parents=True, exist_ok=True)
         for name, text in (("comparison.json", json.dumps(self.about, indent=2) + "\n"), ("results.csv", rows)):
             with replacing(folder / name) as partial:
@@ -172,24 +172,19 @@ def read_conditions(folder: Path) -> dict[str, Any]:
 
 def _whole_lines(path: Path) -> str:
     """Return a file without a last line that an interruption has cut."""
-    text = path.read_text("utf-8")
+    text = path.read_text("utf-8", errors="replace")
     return text[: text.rfind("\n") + 1]
 
 
 def read_runs(path: Path) -> dict[Turn, Run]:
     """Return the runs of a ``results.csv``, see `run_by_key`."""
-    parse = {"str": str, "int": int, "float": float}
-    line, runs = 1, []
+    rows = csv.DictReader(_whole_lines(path).splitlines())
     try:
-        for line, row in enumerate(csv.reader(_whole_lines(path).splitlines()), 1):
-            if line == 1 and tuple(row) != COLUMNS:
-                raise ValueError(f"its columns must be {','.join(COLUMNS)}")
-            if line > 1:
-                value = dict(zip(COLUMNS, row, strict=True))
-                runs.append(Run(**{item.name: parse[str(item.type)](value[item.name]) for item in fields(Run)}))
+        if tuple(rows.fieldnames or ()) != COLUMNS:
+            raise ValueError(f"its columns must be {','.join(COLUMNS)}")
+        return run_by_key([Run.read(row) for row in rows])
     except (ValueError, csv.Error) as error:
-        raise refusal(path, f"cannot be read in line {line} ({error})") from error
-    return run_by_key(runs)
+        raise refusal(path, f"cannot be read in line {rows.line_num} ({error})") from error
 
 
 def image_path(folder: Path, budget: Budget) -> Path:
