@@ -164,6 +164,11 @@ class Oracle:
         return float(harmed.mean()), float(harmed.std() / np.sqrt(harmed.size))
 
 
+def saving_text(value: float) -> str:
+    """Return the share of the best weights' saving in percent; "nothing to save" for NaN."""
+    return "nothing to save" if np.isnan(value) else f"saving {value:.0%}"
+
+
 def between(curves: Array, weight: Array) -> Array:
     """Return curves ``(G, rows, columns)`` at shares ``(rows, columns)``, linear between the shares of `GRID`."""
     k = np.clip(np.searchsorted(GRID, weight, "right") - 1, 0, len(GRID) - 2)

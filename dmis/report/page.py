@@ -14,13 +14,14 @@ import numpy as np
 
 from dmis import __version__
 from dmis.base.atomic_files import replacing
+from dmis.base.vectors import Array
 from dmis.experiment.convergence import Gain, gains, ratio_text
 from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import Comparison
 from dmis.report import tables
 from dmis.report.comparer import HEAD, HELP, asset, comparer, filled, palette_colours, viewer_data
 from dmis.report.plots import error_svg, map_png
-from dmis.report.tables import escaped, saving_text
+from dmis.report.tables import escaped
 from dmis.variance.curves import HALF
 
 
@@ -68,7 +69,7 @@ def _section(number: int, c: Comparison) -> str:
         tables.costs_table(rows),
         "<h3>Images and errors</h3>",
         f'<div class="viewer" data-scene="{number}" tabindex="0"></div>',
-        "<h3>Share maps and regret</h3>",
+        "<h3>Share maps</h3>",
         share_maps(c),
         f"<details><summary>All runs, as in results.csv</summary>{tables.runs_table(c)}",
         f'<p class="note">{tables.RUNS_NOTE}</p></details>',
@@ -110,49 +111,25 @@ def _viewer_data(c: Comparison) -> dict[str, object]:
     return viewer_data(c.scene, images, c.reference.mean)
 
 
-REGRET_NOTE = """Regret of a rule's weights, with the balance heuristic: variance beyond that of the best weight, over
-that of w = ½, at equal samples. Saving: variance saved over w = ½, as a share of the saving of the best weights, where
-that is 1 % or more. Harm: share of lit patches with more than 1.02 times the variance of w = ½. Weights of the
-heuristic alone have no regret."""
-NO_REGRET_NOTE = "Maps of regret need an oracle of the scene: render it with compare --oracle-spp."
-
-
 def share_maps(c: Comparison) -> str:
-    """Return a row of maps for each rule with an image of the largest budget."""
+    """Return a map for the oracle, and for each rule with an image of the largest budget."""
     largest = max(spp for _, spp in c.runs)
-    rules = [rule for rule, spp in c.runs if spp == largest and (rule, spp) in c.pictures]
     height, width = c.reference.first.shape[:2]
-    rows = []
+    maps = []
     if c.oracle is not None:
         note = f"{c.oracle.spp} samples per pixel; {c.oracle.limit():.2f} times the variance of w = ½"
-        lit = c.oracle.variance[HALF] > 0
-        best = map_png(np.where(lit, c.oracle.best(), np.nan), "RdBu", 0, 1)
-        rows.append(_map_row("oracle", [("best shares", note, best)]))
-    for rule in rules:
-        layers = c.pictures[rule, largest]
-        weight = layers["weight"]
-        maps = [("share map", f"mean {weight.mean():.2f}", map_png(weight, "RdBu", 0, 1))]
-        light, brdf = layers["light_samples"], layers["brdf_samples"]
-        if c.oracle is not None and np.allclose(light, weight * (light + brdf), rtol=1e-3):  # w divides samples
-            harm, error = c.oracle.harm(weight)
-            figures = f"{saving_text(c.oracle.saving(weight))}, harm in {harm:.1%} ± {error:.1%}"
-            maps.append(("regret", figures, map_png(c.oracle.regret(weight), "magma", 0, 1)))
-        rows.append(_map_row(rule, maps))
-    scales = _scale("share of light samples w", "RdBu", "0 BRDF", "1 light")
-    scales += "" if c.oracle is None else _scale("regret", "magma", "0", "V(½)")
-    note = NO_REGRET_NOTE if c.oracle is None else REGRET_NOTE
-    below = f'<p class="scales">{scales}</p><p class="note">{note}</p>'
-    return f'<div class="maps" style="--shape:{width}/{height}">{"".join(rows)}</div>{below}'
+        maps.append(_map("oracle", note, np.where(c.oracle.variance[HALF] > 0, c.oracle.best(), np.nan)))
+    for rule in (rule for rule, spp in c.runs if spp == largest and (rule, spp) in c.pictures):
+        weight = c.pictures[rule, largest]["weight"]
+        maps.append(_map(rule, f"mean {weight.mean():.2f}", weight))
+    scale = _scale("share of light samples w", "RdBu", "0 BRDF", "1 light")
+    return f'<div class="maps" style="--shape:{width}/{height}">{"".join(maps)}</div><p class="scales">{scale}</p>'
 
 
-def _map_row(name: str, maps: Sequence[tuple[str, str, str]]) -> str:
-    """Return a row of maps, each with its title, a note and the URI of its image."""
-    figures = "".join(
-        f'<figure><img src="{uri}" alt="{escaped(f"{name}: {title}")}"><figcaption>{title}<br><small>{note}</small>'
-        "</figcaption></figure>"
-        for title, note, uri in maps
-    )
-    return f'<div class="row"><b>{escaped(name)}</b>{figures}</div>'
+def _map(name: str, note: str, weight: Array) -> str:
+    """Return the figure of a share map, with a note."""
+    image = f'<img src="{map_png(weight, "RdBu", 0, 1)}" alt="share map of {escaped(name)}">'
+    return f'<div class="row"><b>{escaped(name)}</b><figure>{image}<figcaption>{note}</figcaption></figure></div>'
 
 
 def _scale(label: str, palette: str, low: str, high: str) -> str:

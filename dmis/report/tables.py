@@ -134,11 +134,6 @@ def interval_text(interval: Interval) -> str:
     return interval.text("<small>({} – {})</small>")
 
 
-def saving_text(value: float) -> str:
-    """Return the share of the best weights' saving in percent; "nothing to save" for NaN."""
-    return "nothing to save" if np.isnan(value) else f"saving {value:.0%}"
-
-
 def escaped(value: object) -> str:
     """Return a value as text with HTML's special characters escaped."""
     return html.escape(str(value))

@@ -12,7 +12,7 @@ patches.
 import dmis
 from dmis import plot
 from dmis.examples.gallery import SCENES, options, print_canvas
-from dmis.report.tables import saving_text
+from dmis.experiment.oracle import saving_text
 from dmis.variance.curves import HALF
 
 opts, _ = options("plot_oracle_and_regret", __doc__)

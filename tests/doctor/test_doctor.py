@@ -331,12 +331,6 @@ def test_large_tables_are_thinned(monkeypatch):
     assert of_few["light 1"] == pytest.approx(rows["light 1"] / 4, rel=0.1)
 
 
-def test_table_of_samples():
-    """What `dmis.samples` returns is a table, and right."""
-    diagnosis = dmis.diagnose(dmis.samples(shared_scene("teapot-area-light", (40, 40)), spp=16, sampler="independent"))
-    assert diagnosis.healthy and min(diagnosis.rows) > 500
-
-
 def test_command(tmp_path, capsys):
     """Exit code 0, 1 or 2; the text has verdict, cause and hint, the page the same."""
     paths = {name: tmp_path / f"{name}.npz" for name in ("right", "wrong", "empty")}

@@ -25,7 +25,7 @@ from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
 from dmis.report.compare import summary
 from dmis.report.comparer import linear_png, palette_colours
-from dmis.report.page import share_maps, write_report
+from dmis.report.page import write_report
 from dmis.report.paper_table import paper_table
 from dmis.report.plots import INK, convergence, error_lines, map_png
 from dmis.report.tables import costs_table, efficiency_table
@@ -100,29 +100,11 @@ def test_marks_are_filled_and_tags_match(page):
 def test_pictures_decode(page):
     """Every data URI is a PNG of some pixels."""
     found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
-    assert len(found) == 1 + 5 * 2 - 1 + 6  # oracle; weight, regret (not of thesis) of five rules; images
+    assert len(found) == 1 + 5 + 6  # share maps of the oracle and of five rules; images
     for text in found:
         with Image.open(io.BytesIO(base64.b64decode(text, validate=True))) as image:
             image.load()
             assert image.mode == "RGB" and min(image.size) >= 6
-
-
-def test_tilts_have_no_regret(made):
-    """The oracle's curves are of shares: weights that do not divide the samples are not judged by them."""
-    comparison, _ = made
-    layers = comparison.pictures["pbrt", 16]
-    tilted = {**comparison.pictures, ("pbrt", 16): {**layers, "weight": layers["weight"] * 0.5}}
-    before, after = (share_maps(dataclasses.replace(comparison, pictures=p)) for p in (comparison.pictures, tilted))
-    assert before.count("saving") == after.count("saving") + 1
-
-
-def test_oracle_that_saves_nothing(made):
-    """Where the best weights save half a percent, maps of regret say so in place of a share of it."""
-    comparison, _ = made
-    variance = np.ones_like(comparison.oracle.variance)
-    variance[0] = 0.995
-    text = share_maps(dataclasses.replace(comparison, oracle=dataclasses.replace(comparison.oracle, variance=variance)))
-    assert text.count("<small>nothing to save, harm") == 4 and "<small>saving" not in text
 
 
 def test_bold_is_the_winner_of_its_table():
@@ -219,7 +201,7 @@ def test_several_scenes(made, tmp_path):
     assert [row[1] for row in overview[1:]] == [ratio_text(times[rule]) for rule in ALL]
     names = re.findall(r'\sid="([^"]*)"', text)
     assert len(names) == len(set(names))
-    assert "Maps of regret need an oracle" in text
+    assert 'alt="share map of thesis:patch=4"' in text and 'alt="share map of oracle"' in text
 
 
 def test_errors_that_have_no_logarithm(made, tmp_path):
