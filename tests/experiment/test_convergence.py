@@ -1,17 +1,15 @@
 """Slopes and gains: planted power laws are recovered; errors of renders fall as N^-1/2."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers import run
 
-import dmis
 from dmis.experiment.convergence import Gain, gains, interpolate_log_log, intervals, line, over_scenes
 from dmis.experiment.metrics import log_ratio
-from dmis.experiment.runs import PINNED, measure
+from dmis.experiment.runs import PINNED
 from dmis.report.tables import winners
 
 
@@ -124,29 +122,6 @@ def test_several_rules_share_one_level():
     assert np.mean(alone) == pytest.approx(0.05, abs=0.01)
 
 
-def repeated(scene: dmis.Scene, reference: dmis.Reference, k: int) -> list:
-    """Gains of one comparison of the balance heuristic with itself under another name, five seeds, none in both."""
-    runs: dict = {("balance", 8): [], ("other", 8): []}
-    for seed in range(10 * k, 10 * k + 10, 2):  # in turns
-        for shift, budget in enumerate(runs):
-            (r,) = measure(scene, [("balance", 8)], [seed + shift], reference, parallel=1)["balance", 8]
-            runs[budget].append(replace(r, rule=budget[0]))
-    return gains(runs)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["killeroo-diffuse", "tt"])
-def test_no_winner_against_itself(name: str, tmp_path: Path) -> None:
-    """In 80 comparisons of a rule with itself a winner is named at most 8 times: 2.5 % would be 2.
-
-    A two-sided 95 % interval lies below 1 in 2.5 % (4 % with the heaviest tails), and more than 8 of 80 at 4 % happen
-    once in 170 tests. With seconds taken as exact it was 1 in 5 on the diffuse killeroo.
-    """
-    scene = dmis.load_scene(name, resolution=(48, 40))
-    reference = dmis.make_reference(scene, 1024, folder=tmp_path)
-    assert sum(wins(repeated(scene, reference, k)[1]) for k in range(80)) <= 8
-
-
 def test_lines_are_in_the_order_of_samples(runs):
     """The points of a line are sorted by samples, in whatever order budgets are given."""
     turned = dict(reversed(runs.items()))
@@ -154,14 +129,6 @@ def test_lines_are_in_the_order_of_samples(runs):
     np.testing.assert_allclose(x, [4, 10, 34])
     np.testing.assert_allclose(mse, np.outer([0.8, 1.2], 0.5 / np.array([8, 32, 128])))
     np.testing.assert_allclose(line(turned, "rule", "rays")[0], [800, 3200, 12800])
-
-
-def test_errors_fall_as_they_must(box: dmis.Scene, tmp_path: Path) -> None:
-    """A fixed rule with independent samples: RMSE ~ N^-1/2, within 0.05."""
-    reference = dmis.make_reference(box, 512, folder=tmp_path)
-    runs = measure(box, [("balance", n) for n in (4, 16, 64)], 8, reference, sampler="independent")
-    x, mse = line(runs, "balance", "spp")
-    assert np.polyfit(np.log(x), np.log(mse.mean(axis=0)) / 2, 1)[0] == pytest.approx(-0.5, abs=0.05)
 
 
 def test_geometric_means_over_scenes():

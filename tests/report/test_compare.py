@@ -114,18 +114,6 @@ def test_errors_of_a_crop(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("drawn")
-def test_compare_paths(tmp_path, capsys, monkeypatch):
-    """Each integrator has its own cached reference, and its table refuses the other."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    small = ["compare", "cornell", "--rules", "balance", "--spp", "4", "--seeds", "1", "--resolution", "16x16"]
-    small += ["--reference-spp", "8", "-o", str(tmp_path / "out")]
-    assert main([*small, "--integrator", "path", "--max-depth", "3"]) == 0
-    assert main(small) == 2
-    assert "integrator was path, now is direct; max_depth was 3, now is 5" in capsys.readouterr().err
-    assert len(list((tmp_path / "cache").glob("*.exr"))) == 2
-
-
-@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize("kind", ["npy", "exr"])
 def test_given_reference(tmp_path, kind):
     """The reference may be an array or an EXR file of the caller; Python and the command line count seeds alike."""
@@ -149,7 +137,6 @@ def test_given_reference(tmp_path, kind):
     "more, message",
     [
         (["--rules", "best"], "rule must be one of"),
-        (["--rules", "balance,thesis:sampler=sobol", "--preset", "thesis"], "preset thesis has sampler"),
         (["--reference", "nowhere.exr"], "nowhere.exr"),
         (["--reference", "small.npy"], "reference must be a dmis.Reference of 24x18 pixels"),
         (["--reference", "flat.npy"], "must hold an image of three channels"),
