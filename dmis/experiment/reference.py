@@ -1,6 +1,7 @@
 """References: converged images as two independent halves, cached on disk.
 
-They are rendered with the rule ``balance`` and Sobol points: not with rules that learn, which they judge.
+They are rendered with the rule ``balance`` and Sobol points: a rule that learns may miss the same rare bright samples
+in its renders and in its reference.
 
 ``mean[(x - r1)(x - r2)]`` has the expectation of the squared error against the exact image, free of the reference's own
 noise (`dmis.experiment.metrics.mse`), because the errors of the halves are independent of each other and of x.
@@ -93,7 +94,6 @@ def make_reference(
     scene: Scene,
     spp: int = 2048,
     *,
-    rule: str = "balance",
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
@@ -106,9 +106,6 @@ def make_reference(
     ----------
     spp
         Camera samples per pixel of each half.
-    rule
-        Rule that renders it, with fixed shares. Every rule converges to the same image, but a rule that learns
-        may miss the same rare bright samples in its renders and in its reference.
     settings, options
         See `dmis.pipeline.render.render`. Of these only ``integrator`` and ``max_depth`` count, because the expected
         image does not depend on the others: a reference of any preset, techniques or combiner is the same.
@@ -120,14 +117,14 @@ def make_reference(
     spp = whole("spp", spp, 1, MAX_SPP)
     given = make_settings(settings, **options)
     settings = Settings(integrator=given.integrator, max_depth=given.max_depth)
-    key = {**expected_image_key(scene, settings), "spp": spp, "rule": rule}
+    key = {**expected_image_key(scene, settings), "spp": spp, "rule": "balance"}
     path = cache_path(scene, f"{spp}spp", key, folder, ".exr")
     reference = from_cache(path, load_reference, "reference")
     if reference is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_image(path)
         more = {"settings": settings, "sampler": "sobol", "parallel": parallel, "progress": progress}
-        with render_halves(path, scene, rule, spp, REFERENCE_SEED, **more) as (first, second):
+        with render_halves(path, scene, "balance", spp, REFERENCE_SEED, **more) as (first, second):
             reference = Reference(first.image, second.image, spp)
             reference.save(path, {KEY: json.dumps(key)})
     return reference

@@ -93,12 +93,9 @@ def test_pixels_by_column_and_row() -> None:
     for xy, more in (([3, 4], None), ([(36, 0)], None), ([(0, -1)], None), ([(0.5, 0)], None), ([(3, 4)], [3])):
         with pytest.raises(ValueError, match=r"xy must be a list of \(column, row\), from \(0, 0\) to \(35, 32\)"):
             dmis.samples(scene, more, xy=xy)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("pixels", [[-1], [36 * 33], [0.5], [], (3, 4), 3])
-def test_refuses_pixels_that_are_not_there(pixels: list[float]) -> None:
-    with pytest.raises(ValueError, match="pixels must be whole numbers from 0 to 1187"):
-        dmis.samples(shared_scene("teapot-area-light", (36, 33)), pixels)  # type: ignore[arg-type]
+    for pixels in ([-1], [36 * 33], [0.5], [], (3, 4), 3):
+        with pytest.raises(ValueError, match="pixels must be whole numbers from 0 to 1187"):
+            dmis.samples(scene, pixels)  # type: ignore[arg-type]
 
 
 class Tilted(dmis.Rule):

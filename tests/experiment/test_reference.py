@@ -48,7 +48,7 @@ def test_settings_of_the_estimator_do_not_count(box, tmp_path):
     ):  # fmt: skip
         np.testing.assert_array_equal(dmis.make_reference(box, 16, folder=tmp_path, **options).first, made.first)
     assert len(list(tmp_path.iterdir())) == 1
-    for files, options in ((2, {"max_depth": 1}), (3, {"rule": "fixed:0.4"}), (4, {"max_depth": 2})):
+    for files, options in ((2, {"max_depth": 1}), (3, {"max_depth": 2})):
         dmis.make_reference(box, 16, folder=tmp_path, **options)
         assert len(list(tmp_path.iterdir())) == files
 
