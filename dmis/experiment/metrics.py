@@ -98,7 +98,7 @@ def mean_over_blocks(values: Array) -> tuple[float, float]:
 
     Of squared errors, 1.96 standard errors of one image reach the mean over 40 seeds in 78 to 100 % of the seeds on
     four scenes, and in 25 to 97 % on tt, where most images lack the rare bright samples that have the error
-    (benchmarks/error_coverage.py). No interval of one image shows these, those over seeds do (`log_ratio`).
+    (benchmarks/error_coverage.py of 9db2350c). No interval of one image shows these, those over seeds do (`log_ratio`).
     """
     height, width = values.shape
     mean = np.mean(values, dtype=np.float64)
