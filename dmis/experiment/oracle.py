@@ -71,16 +71,16 @@ class Oracle:
         """Return the mean over the image of values per patch."""
         return float((values * self.pixel_share).sum())
 
-    def best(self, costly: bool = False) -> Array:
-        """Return the weight of least variance per patch, ``(rows, columns)``.
-
-        If `costly`, return the map of least variance of the image times its cost, with the same number of samples in
-        all patches.
-        """
-        return GRID[self.best_index(costly)]
+    def best(self) -> Array:
+        """Return the weight of least variance per patch, ``(rows, columns)``."""
+        return GRID[self.best_index()]
 
     def best_index(self, costly: bool = False) -> np.ndarray:
-        """Return the indices in the grid of `best`."""
+        """Return the indices in the grid of `best`.
+
+        If `costly`, of the map of least variance of the image times its cost, with the same number of samples in all
+        patches.
+        """
         best = self.variance.argmin(axis=0)
         for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
             price = self.mean(_at_index(self.variance, best)) / self.mean(_at_index(self.costs, best))
