@@ -70,7 +70,7 @@ class Auto(OptionRule):
     combiner
         Of the samples: a heuristic. None: as the settings say.
     sampler, compensation
-        See `dmis.fit.pooled_rule.PooledRule`.
+        See `dmis.fit.pooling.PooledRule`.
     """
 
     weights: bool = True

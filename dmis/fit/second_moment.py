@@ -13,7 +13,7 @@ from dmis.base.patches import patch_spread, patch_sum
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import DEFAULTS
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
-from dmis.fit.pooled_rule import PooledRule
+from dmis.fit.pooling import PooledRule
 from dmis.fit.round import Fit, Pilot
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
@@ -28,7 +28,7 @@ class SecondMoment(PooledRule):
     al. 2022, "Efficiency-aware multiple importance sampling for bidirectional rendering algorithms" (ACM Transactions
     on Graphics 41(4)), where the samples of one combination of techniques give the efficiencies of many others.
 
-    Options are those of `dmis.fit.pooled_rule.PooledRule`; the baseline point is w = 1/2. Curves are those of the
+    Options are those of `dmis.fit.pooling.PooledRule`; the baseline point is w = 1/2. Curves are those of the
     `combiner` if it is a heuristic; of balance if not, and with ``frozen``.
     """
 

@@ -15,7 +15,7 @@ class Gather:
     """Means or unbiased variances per pixel of a function of the samples, summed over lights.
 
     A `dmis.estimator.records.Statistic`. A rule asks for it with ``statistic = functools.partial(dmis.Gather, f)``, and
-    finds the means over patches as ``values`` (`dmis.fit.pooled_rule.PooledRule.pooled`).
+    finds the means over patches as ``values`` (`dmis.fit.pooling.PooledRule.pooled`).
 
     Parameters
     ----------

@@ -305,7 +305,7 @@ class Simplex(dmis.PooledRule):
         Samples of the pilot, at equal shares: an even multiple of K of at least 2 K, which become camera samples with
         K times the shading samples, K times fewer.
     patch, filter, size, sigma, cost, guard, reuse, combiner, sampler, compensation
-        See `dmis.fit.pooled_rule.PooledRule`; the baseline point is `baseline_point`.
+        See `dmis.fit.pooling.PooledRule`; the baseline point is `baseline_point`.
 
     Notes
     -----
