@@ -36,7 +36,8 @@ from dmis.fit.registry import RULES, about, make_rule
 from dmis.formats.load_scene import SHIPPED
 from dmis.image import read_exr
 from dmis.pipeline.job import resolve
-from dmis.report.compare import check_output, compare, parse_rules, summary, summary_of_scenes
+from dmis.report.compare import can_draw, check_output, compare, parse_rules
+from dmis.report.tables import overview, summary
 from dmis.scene.scene import Scene
 
 
@@ -101,8 +102,8 @@ def _compare(options: argparse.Namespace) -> int:
     if not many:
         return 0
     if not options.quiet:
-        say(summary_of_scenes(comparisons))
-    if find_spec("matplotlib") is not None:
+        say(overview(comparisons).text())
+    if can_draw():
         from dmis.report.page import write_report  # imported where used: it brings matplotlib
 
         page = options.output / "report.html"
@@ -174,6 +175,7 @@ def _play(options: argparse.Namespace) -> int:
 
     if options.output.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"-o of play must end in .html, the page that it writes; got {str(options.output)!r}")
+    check_package("jinja2", "a page", "pip install 'dmis[plot]'")
     check_writable(options.output)
     scene, settings = load(options), make_settings(**given_settings(options))
     with progress_bar(options.quiet) as progress:

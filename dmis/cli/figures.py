@@ -10,12 +10,13 @@ from dmis.experiment.metrics import flip, mse, relmse
 from dmis.experiment.reference import load_reference
 from dmis.experiment.table import read_comparison
 from dmis.report.compare import split_rules
-from dmis.report.paper_table import paper_table
+from dmis.report.tables import paper_table
 
 
 def figure(options: argparse.Namespace) -> int:
     """Run ``figure`` and return its exit code."""
-    check_package("matplotlib", "a figure", "pip install 'dmis[plot]'")
+    for package in ("matplotlib", "jinja2"):
+        check_package(package, "a figure", "pip install 'dmis[plot]'")
     check_writable(options.output)
     from dmis.report.figure import write_figure  # imported where used: it brings matplotlib
 
@@ -33,7 +34,7 @@ def table(options: argparse.Namespace) -> int:
     """Run ``table`` and return its exit code."""
     check_writable(options.output)
     comparison = read_comparison(options.folder)
-    text = paper_table(comparison, options.output.suffix.lower())
+    text = paper_table(comparison).text(options.output.suffix.lower())
     with replacing(options.output) as partial:
         partial.write_text(text, "utf-8")
     say(options.output, *filter(None, [comparison.few_pixels()]))

@@ -13,10 +13,9 @@ from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
 from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
-from dmis.experiment.convergence import MEASURES, gains, over_scenes
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, make_reference
-from dmis.experiment.runs import PINNED, fallbacks, measure, seed_list
+from dmis.experiment.runs import PINNED, measure, seed_list
 from dmis.experiment.table import REFERENCE, Comparison, Results, conditions, make_comparison
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
@@ -50,10 +49,15 @@ def split_rules(text: str) -> list[str]:
     return list(dict.fromkeys(rules))
 
 
+def can_draw() -> bool:
+    """Return whether the packages of plots and pages are installed."""
+    return find_spec("matplotlib") is not None and find_spec("jinja2") is not None
+
+
 def check_output(folder: str | os.PathLike[str]) -> None:
     """Raise an OSError if a comparison cannot be written into `folder`, a ValueError if OpenEXR is missing.
 
-    Warn if matplotlib is, so that plot and report are left out.
+    Warn if matplotlib or Jinja2 is, so that plot and report are left out.
     """
     folder = Path(folder)
     for inside in (folder, folder / "images"):
@@ -62,10 +66,10 @@ def check_output(folder: str | os.PathLike[str]) -> None:
     for name in files if folder.exists() else ():
         check_writable(folder / name)
     check_package("OpenEXR", "a comparison, which keeps images as EXR,", "pip install OpenEXR")
-    if find_spec("matplotlib") is None:
+    if not can_draw():
         warnings.warn(
-            "convergence.png and report.html are left out, because figures need matplotlib: pip install 'dmis[plot]'. "
-            "The same call then adds them and renders nothing again",
+            "convergence.png and report.html are left out, because figures need matplotlib and Jinja2: pip install "
+            "'dmis[plot]'. The same call then adds them and renders nothing again",
             stacklevel=1,  # the same place for every caller: a command that checks before `compare` warns once
         )
 
@@ -85,7 +89,7 @@ def compare(
 ) -> Comparison:
     """Render a scene with several rules, numbers of samples and seeds, and write table, plot and report into `folder`.
 
-    ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` (with matplotlib) follow. Two
+    ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` follow (extra ``plot``). Two
     baselines are always measured: the balance heuristic with these settings, and the pinned one
     (`dmis.experiment.runs.PINNED`). A rule whose pilot does not fit into a number of samples is left out there. Rows
     that are in ``results.csv`` are not rendered again, unless the image of their rule and budget is missing.
@@ -160,44 +164,11 @@ def _check_arguments(
 
 
 def _draw(comparison: Comparison, folder: Path) -> None:
-    """Write plot and report of a comparison, if there is matplotlib."""
-    if find_spec("matplotlib") is None:
+    """Write plot and report of a comparison, if their packages are installed."""
+    if not can_draw():
         return
     from dmis.report.page import write_report  # imported where used: they bring matplotlib
     from dmis.report.plots import convergence
 
     convergence(comparison, folder / "convergence.png")
     write_report([comparison], folder / "report.html")
-
-
-def summary(c: Comparison) -> str:
-    """Return a table in Markdown with the errors of each budget and rule, over those of both baselines, and its time.
-
-    By relMSE, then by MSE: the mean over seeds, its ratio to that of the balance heuristic with these settings, and the
-    ratios of error times CPU seconds, with 95 % intervals (`dmis.experiment.convergence.Interval`). The ratio to the
-    pinned baseline is last. Lines follow: if few pixels have most of an error; for budgets that are too small for their
-    rule, see `fallbacks`; the standard error of the reference; if that is too large, the mean of an image not that of
-    the reference, or a pilot makes most of an image's error, see `dmis.experiment.alarm`.
-    """
-    over = [(f"{name} / balance", f"{name}·CPU s / balance") for name in MEASURES.values()]
-    titles = ["spp", "rule", "relMSE", *over[0], "MSE", *over[1], "CPU s"]
-    titles += [f"{name}·CPU s / pinned" for name in MEASURES.values()]
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    for g in gains(c.runs):
-        cells = [str(g.spp), g.rule]
-        for m in g.measures:
-            cells += [f"{m.error:.3e}", m.over_balance.text(), m.error_time.text()]
-        cells += [f"{g.cpu_seconds:.2f}", *(m.error_time_over_pinned.text() for m in g.measures)]
-        lines.append(f"| {' | '.join(cells)} |")
-    for line in filter(None, [c.few_pixels(), *fallbacks(c.runs), c.window.text(), *c.alarms()]):
-        lines += ["", line]
-    return "\n".join(lines)
-
-
-def summary_of_scenes(comparisons: Sequence[Comparison]) -> str:
-    """Return a table in Markdown with the geometric means over scenes that `over_scenes` gives, of each rule."""
-    means = [over_scenes([c.runs for c in comparisons], measure) for measure in MEASURES]
-    titles = ["rule", *(f"{name}·CPU s / balance, {len(comparisons)} scenes" for name in MEASURES.values())]
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    lines += [f"| {rule} | {' | '.join(of[rule].text() for of in means)} |" for rule in means[0]]
-    return "\n".join(lines)

@@ -1,43 +1,25 @@
 """The image comparer: in reports, in notebooks, and as a page of its own.
 
-The files ``comparer.html``, ``.css`` and ``.js`` beside this module have its elements, style and script.
+The template ``show.html`` beside this module is its page; ``comparer.html``, ``.css`` and ``.js`` have its elements,
+style and script.
 """
 
 from __future__ import annotations
 
 import base64
 import html
-import json
 import os
-import re
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 
-from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
 from dmis.experiment.reference import Reference
 from dmis.image import encode_png
 from dmis.pipeline.result import Result
+from dmis.report.templates import filled, write_page
 
-HELP = """In the comparer: <kbd>←</kbd> <kbd>→</kbd> flip through the images, <kbd>1</kbd>–<kbd>9</kbd> pick an image,
-<kbd>0</kbd> the first, <kbd>e</kbd> switches between image and error, <kbd>s</kbd> splits the view or puts two images
-side by side, <kbd>m</kbd> is the magnifier, <kbd>+</kbd> <kbd>−</kbd> zoom (also the wheel with <kbd>Ctrl</kbd>), drag
-to move, <kbd>[</kbd> <kbd>]</kbd> change the exposure."""
-HEAD = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">
-<title>{{title}} · dmis</title><link rel="icon" href="data:,"><style>{{style}}</style></head>
-"""
-"""What pages begin with."""
-BODY = """<body><div class="viewer" data-scene="0" tabindex="0"></div>
-<details class="note"><summary>Keys</summary>{{help}}</details>
-{{comparer}}
-</body></html>
-"""
-OWN_STYLE = ":root { --tall: 36rem } body { padding: .5rem } details { padding: .4rem; max-width: 60rem }"
-ROUND_HEIGHT = 700
+FIRST_HEIGHT = 700
 """Height of a comparer in a notebook before its script has measured it, CSS pixels."""
 
 
@@ -61,14 +43,12 @@ class Comparer:
 
     def _repr_html_(self) -> str:
         """Return the page in a frame, which keeps its style and its script apart from the notebook's."""
-        frame = f'style="width:100%;height:{ROUND_HEIGHT}px;border:0" title="image comparer"'
+        frame = f'style="width:100%;height:{FIRST_HEIGHT}px;border:0" title="image comparer"'
         return f'<iframe {frame} srcdoc="{html.escape(self.page)}"></iframe>'
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page to `path`, which replaces a file that is there; its folder is made."""
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as partial:
-            partial.write_text(self.page, "utf-8")
+        write_page(path, self.page)
 
 
 def show(
@@ -90,7 +70,7 @@ def show(
     Raises
     ------
     ImportError
-        If matplotlib (extra ``plot``), which has the colours of errors, is missing and there is a `reference`.
+        If Jinja2 (extra ``plot``) is missing, or matplotlib, which has the colours of errors from a `reference`.
     """
     if not isinstance(images, Mapping) or not images:
         raise TypeError(
@@ -107,9 +87,8 @@ def show(
     if len(set(shapes.values())) > 1:
         given = ", ".join(f"{label} {width}×{height}" for label, (height, width) in shapes.items())
         raise ValueError(f"images must have one size, got {given}. Render them at one resolution.")
-    fill = {"title": html.escape(title), "style": asset("comparer.css") + OWN_STYLE, "help": HELP}
-    fill["comparer"] = comparer([viewer_data(title, pictures, truth)])
-    return Comparer(filled(HEAD + BODY, fill), list(shapes))
+    data = comparer_data([viewer_data(title, pictures, truth)])
+    return Comparer(filled("show.html", title=title, data=data), list(shapes))
 
 
 def _linear(label: str, image: Array | Result) -> Array:
@@ -166,19 +145,7 @@ def palette_colours(palette: str, count: int = 256) -> list[str]:
     return [to_hex(colour) for colour in matplotlib.colormaps[palette](np.linspace(0, 1, count))]
 
 
-def comparer(scenes: Sequence[Mapping[str, object]]) -> str:
-    """Return what a page with comparers needs at its end: their elements, the data of each, and the script."""
+def comparer_data(scenes: Sequence[Mapping[str, object]]) -> dict[str, object]:
+    """Return what the script of a page with comparers reads: `viewer_data` of each, and the colours of errors."""
     errors = any(scene["reference"] for scene in scenes)
-    data = {"scenes": scenes, "palette": palette_colours("magma") if errors else []}
-    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
-    return filled(asset("comparer.html"), {"data": text, "script": asset("comparer.js")})
-
-
-def filled(template: str, fill: Mapping[str, str]) -> str:
-    """Return a template with texts in the place of its marks ``{{name}}``; marks in these texts stay."""
-    return re.sub(r"\{\{(\w+)\}\}", lambda mark: fill[mark[1]], template)
-
-
-def asset(name: str) -> str:
-    """Return the text of a file beside this module."""
-    return files("dmis.report").joinpath(name).read_text("utf-8")
+    return {"scenes": scenes, "palette": palette_colours("magma") if errors else []}

@@ -1,14 +1,12 @@
 """A page to paint shares and numbers of samples on an image, which shows the error times time that they would have.
 
-The files ``play.html``, ``.css`` and ``.js`` beside this module have its elements, style and script; ``play_model.js``
-has the numbers. Nothing is rendered in the page: the curves of an oracle say what a map is worth.
+The template ``play.html`` beside this module has its elements, ``play.css`` the style, ``play.js`` the script and
+``play_model.js`` the numbers. Nothing is rendered in the page: the curves of an oracle say what a map is worth.
 """
 
 from __future__ import annotations
 
 import base64
-import html
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -24,7 +22,8 @@ from dmis.experiment.reference import make_reference
 from dmis.fit.thesis import Thesis
 from dmis.image import tonemap
 from dmis.pipeline.render import render
-from dmis.report.comparer import HEAD, asset, filled, png
+from dmis.report.comparer import png
+from dmis.report.templates import filled
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID
 
@@ -80,14 +79,7 @@ def page_of(measures: Mapping[str, Oracle], image: Array, thesis: Array, scene: 
         "curves": {"cost": _text(curves.cost)} | {name: _text(judge.variance) for name, judge in measures.items()},
         "maps": maps,
     }
-    fill = {
-        "title": f"Beat the oracle: {html.escape(scene)}",
-        "scene": html.escape(scene),
-        "spp": str(spp),
-        "data": json.dumps(data, separators=(",", ":")),
-    }
-    fill |= {"style": asset("comparer.css") + asset("play.css"), "script": asset("play_model.js") + asset("play.js")}
-    return filled(HEAD + asset("play.html"), fill)
+    return filled("play.html", title=f"Beat the oracle: {scene}", scene=scene, spp=spp, data=data)
 
 
 def best_even(curves: Oracle) -> Array:

@@ -29,8 +29,7 @@ RULE_COLOURS = (
 )  # fmt: skip
 """Colours of rules in their order, the balance heuristic first; distinct on white and on black."""
 RULE_MARKS = "os^DvPX"
-"""Markers of rules. Each rule has the next one; as there are ten colours and seven markers,
-70 rules differ in one of the two, and rules of one colour differ in their markers."""
+"""Markers of rules: with ten colours and seven markers, 70 rules differ in one of the two."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
 AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "CPU seconds"}
@@ -103,14 +102,19 @@ def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
 
 
 def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> str:
-    """Return `error_lines` as an SVG figure with the page's colour and fonts."""
+    """Return `error_lines` as an SVG element with the page's colour and fonts."""
     import matplotlib
 
-    sides = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
-    style: dict[str, Any] = dict.fromkeys(sides, INK)
-    label = html.escape(f"Root of {MEASURES[measure]} over {AXIS_LABELS[over]}, {comparison.scene}")
-    style |= {"svg.fonttype": "none", "svg.hashsalt": label, "font.size": 9.5}
-    style |= {"axes.spines.top": False, "axes.spines.right": False}
+    inked = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
+    label = f"Root of {MEASURES[measure]} over {AXIS_LABELS[over]}, {comparison.scene}"
+    style: dict[str, Any] = {
+        **dict.fromkeys(inked, INK),
+        "svg.fonttype": "none",
+        "svg.hashsalt": label,
+        "font.size": 9.5,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+    }
     with matplotlib.rc_context(style):  # type: ignore[arg-type]
         figure, axes = plot.canvas(1, 1, 5.4, 3.9)
         error_lines(axes[0, 0], comparison.runs, over, comparison.oracle, INK, measure)
@@ -118,14 +122,11 @@ def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> s
             axes[0, 0].legend(fontsize=8, frameon=False, handlelength=2.4, loc="best")
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
-    drawing = file.getvalue()
-    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing[drawing.index("<svg") :], flags=re.S)
-    drawing = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", drawing)  # HTML needs none, and the report must not have addresses
-    drawing = re.sub(r'<g id="[^"]*"', "<g", drawing)
-    box = re.search(r'<svg[^>]*?viewBox="([^"]*)"[^>]*>', drawing)
-    assert box is not None
-    drawing = drawing.replace(box[0], f'<svg viewBox="{box[1]}" role="img" aria-label="{label}">', 1)
-    return f"<figure>{drawing.replace(INK, 'currentColor')}</figure>"
+    _, box, drawing = re.split(r'<svg[^>]*?viewBox="([^"]*)"[^>]*>', file.getvalue())
+    # neither addresses, which name spaces are, nor names that another plot of the page has, too
+    drawing = re.sub(r'<metadata>.*?</metadata>|\sxmlns(:\w+)?="[^"]*"|(?<=<g) id="[^"]*"', "", drawing, flags=re.S)
+    head = f'<svg viewBox="{box}" role="img" aria-label="{html.escape(label)}">'
+    return head + drawing.replace(INK, "currentColor")
 
 
 def map_png(values: Array, palette: str, low: float, high: float) -> str:

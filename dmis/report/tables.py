@@ -1,35 +1,174 @@
-"""Tables of a report, and how numbers are written in them."""
+"""Tables of errors, times and their ratios: in reports, on the command line, and for papers."""
 
 from __future__ import annotations
 
-import html
-import re
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from dmis.base.validate import did_you_mean, one_of
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, Gain, Interval, gains, over_scenes, ratio_text
-from dmis.experiment.runs import PINNED
+from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 
-LINES_NOTE = """Lines: root of the mean error over seeds; bands: lowest to highest seed. Dotted: the slope −½ of
-N<sup>−1/2</sup>. A rule with a pilot can be steeper, because the share of the pilot in the time falls. Dashed or ×, by
-MSE, if there is an oracle: the best weights by it, in time and rays of the balance heuristic."""
-GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means over seeds; CPU seconds are medians, from
-the pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of
-d². In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
-they are wider (Holm). ·CPU s: error times CPU seconds, whose intervals include the scatter of the times. Bold: the
-lowest ratio·CPU s of the table, if its interval is below 1 and few pixels do not have most of the error. In equal time:
-error over that of the balance heuristic in the rule's CPU seconds, interpolated on its line; † where it is extrapolated
-as error ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis, which is one light and one BRDF sample and
-independent points, whatever the settings of the others."""
-OVERVIEW_NOTE = """Scenes: relMSE over that of the balance heuristic in equal time, at the largest budget. All:
-geometric means over the scenes of error times CPU seconds over the balance heuristic's, with 95 % intervals over seeds.
-Below 1 is better."""
-RUNS_NOTE = f"""mean_z: mean of the image less that of the reference, in standard errors, of the channel where it is
-largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are not noise, and a paragraph above says why
-that may be. The other columns are explained in docs/report.md."""
+ERRORS = tuple(MEASURES.values())
+OVER = ("", " / balance", "·CPU s / balance", " in equal time", " / pinned", "·CPU s / pinned")
+"""Columns of a report's table of errors, each after the name of the measure."""
+PAPER = ("spp", "rule", *(f"{name}{over}" for name in ERRORS for over in OVER[:3]), "CPU s")
+"""Columns of a table for a paper."""
+SUMMARY = (*PAPER, *(f"{name}·CPU s / pinned" for name in ERRORS))
+"""Columns of the table that ``compare`` prints."""
+COSTS = ("spp", "rule", "CPU s", "pilot + fit", "Mrays", *(f"{name}·CPU s" for name in ERRORS))
+"""Columns of a report's table of costs."""
+_LATEX = str.maketrans({c: rf"\{c}" for c in "&%$#_{}"} | {"\\": r"\textbackslash ", "·": r"$\cdot$"})
+_MARKUP = {".tex": ("({}--{})", r"\textbf{{{}}}", _LATEX), ".md": ("({} – {})", "**{}**", {})}
+"""Ends of an interval, bold text, and characters that are written otherwise, of each style."""
+STYLES = (*_MARKUP, ".csv")
+"""Extensions of the files that a table may be written to."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Titles of columns, and rows of cells: texts, or ratios with their intervals.
+
+    Attributes
+    ----------
+    marks
+        Class of each row in a report.
+    uncertain
+        Names of measures whose ratios are never bold.
+    """
+
+    titles: Sequence[str]
+    rows: Sequence[Sequence[str | Interval]]
+    marks: Sequence[str] = ()
+    uncertain: tuple[str, ...] = ()
+
+    def text(self, style: str = ".md") -> str:
+        """Return the table in a style of `STYLES`; LaTeX needs the package booktabs.
+
+        A ratio is bold only if its whole interval is below 1. In CSV the ends of an interval are columns.
+        """
+        one_of("extension of a table", style, STYLES)
+        if style == ".csv":
+            return self._csv()
+        ends, bold, special = _MARKUP[style]
+        head = [title.translate(special) for title in self.titles]
+        rows = [self._texts(row, ends, bold, special) for row in self.rows]
+        if style == ".md":
+            lines = [f"| {' | '.join(line)} |\n" for line in (head, *rows)]
+            return "".join([lines[0], "|---" * len(head) + "|\n", *lines[1:]])
+        lines = [r"% needs \usepackage{booktabs}", rf"\begin{{tabular}}{{rl{'r' * (len(head) - 2)}}}", r"\toprule"]
+        for before, line in zip(["", head, *rows], [head, *rows], strict=False):
+            lines += [r"\midrule"] if before and line[0] != before[0] else []  # a thin line before each budget
+            lines.append(" & ".join(line) + r" \\")
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+    def _texts(self, row: Sequence[str | Interval], ends: str, bold: str, special: Mapping[int, str]) -> list[str]:
+        """Return the texts of a row in the markup of a style, see `_MARKUP`."""
+        texts = []
+        for title, cell in zip(self.titles, row, strict=True):
+            if isinstance(cell, str):
+                texts.append(cell.translate(special))
+                continue
+            wins = cell.high < 1 and not title.startswith(self.uncertain)
+            texts.append(bold.format(cell.text(ends)) if wins else cell.text(ends))
+        return texts
+
+    def _csv(self) -> str:
+        """Return the table as CSV."""
+
+        def values(cell: str | Interval) -> list[str]:
+            return [cell] if isinstance(cell, str) else [f"{value:.5g}" for value in cell]
+
+        head = []
+        for title, cell in zip(self.titles, self.rows[0], strict=True):
+            name = title.lower().replace("·cpu s", "_cpu").replace("cpu s", "cpu_seconds").replace(" / ", "_over_")
+            head += [f"{name}{end}" for end in ("", "_low", "_high")[: len(values(cell))]]
+        text = io.StringIO()
+        rows = [[value for cell in row for value in values(cell)] for row in self.rows]
+        csv.writer(text, lineterminator="\n").writerows([head, *rows])
+        return text.getvalue()
+
+
+def gain_cells(g: Gain) -> dict[str, str | Interval]:
+    """Return what tables have of a rule at one budget, by the titles of their columns."""
+    row: dict[str, str | Interval] = {
+        "spp": str(g.spp),
+        "rule": g.rule,
+        "CPU s": f"{g.cpu_seconds:.2f}",
+        "pilot + fit": f"{g.overhead:.0%}",
+        "Mrays": f"{g.rays / 1e6:.2f}",
+    }
+    for name, m in zip(ERRORS, g.measures, strict=True):
+        dagger = "†" if m.extrapolated and g.rule != "balance" and np.isfinite(m.equal_time) else ""
+        row |= {
+            name: f"{m.error:.4g}",
+            f"{name}·CPU s": f"{m.error * g.cpu_seconds:.4g}",
+            f"{name} / balance": m.over_balance,
+            f"{name}·CPU s / balance": m.error_time,
+            f"{name} in equal time": f"{ratio_text(m.equal_time)}{dagger}",
+            f"{name} / pinned": m.over_pinned,
+            f"{name}·CPU s / pinned": m.error_time_over_pinned,
+        }
+    return row
+
+
+def chosen_gains(c: Comparison, rules: Sequence[str] = (), spp: int = 0) -> list[Gain]:
+    """Return the gains of `rules`, or of all but the pinned baseline, at all budgets or at one.
+
+    A ValueError if a rule is not among those of the comparison.
+    """
+    of_budget = [g for g in gains(c.runs) if g.spp == spp or not spp]
+    names = dict.fromkeys(g.rule for g in of_budget)
+    for name in rules:
+        if name not in names:
+            raise ValueError(
+                f"rules of a figure must be among those of the comparison{f' at {spp} samples per pixel' * bool(spp)}, "
+                f"{', '.join(names)}; got {name!r}{did_you_mean(name, names)}"
+            )
+    return [g for g in of_budget if (g.rule in rules if rules else g.rule != PINNED)]
+
+
+def paper_table(c: Comparison, rules: Sequence[str] = (), titles: Sequence[str] = PAPER) -> Table:
+    """Return the table of a comparison, a row for each budget and rule, see `chosen_gains`.
+
+    No ratio by a measure that is `Comparison.concentrated` is bold.
+    """
+    rows = list(map(gain_cells, chosen_gains(c, rules)))
+    uncertain = tuple(MEASURES[measure] for measure in c.concentrated)
+    return Table(titles, [[row[title] for title in titles] for row in rows], uncertain=uncertain)
+
+
+def summary(c: Comparison) -> str:
+    """Return what ``compare`` prints: a table of all rules in Markdown, and lines about what makes it doubtful.
+
+    These are about few pixels that have most of an error; budgets too small for their rule
+    (`dmis.experiment.runs.fallbacks`); the standard error of the reference, and whether that is too large; images with
+    another mean, and pilots that make most of an image's error (`dmis.experiment.alarm`).
+    """
+    table = paper_table(c, [rule for rule, _ in c.runs], SUMMARY)
+    doubts = filter(None, [c.few_pixels(), *fallbacks(c.runs), c.window.text(), *c.alarms()])
+    return "\n".join([table.text(), *(f"{line}\n" for line in doubts)]).rstrip("\n")
+
+
+def overview(comparisons: Sequence[Comparison]) -> Table:
+    """Return the table of relMSE in equal time on each scene, and the geometric means of `over_scenes`, by rule.
+
+    Each scene counts at its largest budget.
+    """
+    columns: list[dict[str, str | Interval]] = []
+    for c in comparisons:
+        largest = max(spp for _, spp in c.runs)
+        columns.append({g.rule: ratio_text(g.relmse.equal_time) for g in gains(c.runs) if g.spp == largest})
+    rules = dict.fromkeys(rule for column in columns for rule in column)
+    columns += [dict(over_scenes([c.runs for c in comparisons], measure)) for measure in MEASURES]
+    titles = ["rule", *(c.scene for c in comparisons), *(f"all, {name}·CPU s" for name in ERRORS)]
+    return Table(titles, [[rule, *(column.get(rule, "–") for column in columns)] for rule in rules])
 
 
 def winners(c: Comparison, rows: Sequence[Gain], k: int = 0) -> list[Gain]:
@@ -42,98 +181,25 @@ def winners(c: Comparison, rows: Sequence[Gain], k: int = 0) -> list[Gain]:
     return sorted(trusted, key=lambda g: g.measures[k].error_time.value)
 
 
-def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
-    """Return the tables of errors and their ratios of all rules and budgets, one for each measure."""
+def report_tables(c: Comparison, rows: Sequence[Gain]) -> dict[str, Table]:
+    """Return the tables of a report by their class: errors by both measures, costs, and all runs.
+
+    A budget begins a ``group`` of rows; ``best`` is the first of `winners`, and ⚠ marks the alarms of
+    `dmis.experiment.alarm`.
+    """
     alarmed = {budget for budget, runs in c.runs.items() if any(abs(run.mean_z) > alarm.ALARM_LIMIT for run in runs)}
-    tables = ""
-    for k, name in enumerate(MEASURES.values()):
-        head = ["spp", "rule", name, f"{name} / balance", f"{name}·CPU s / balance", f"{name} in equal time"]
-        head += [f"{name} / pinned", f"{name}·CPU s / pinned"]
-        rows = []
-        for g in gains_of_budgets:
-            m, first = g.measures[k], g.rule == "balance"
-            dagger = "†" if m.extrapolated and not first and np.isfinite(m.equal_time) else ""
-            cells = [str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else "")]
-            cells += [f"{m.error:.4g}", interval_text(m.over_balance), interval_text(m.error_time)]
-            cells += [f"{ratio_text(m.equal_time)}{dagger}"]
-            rows.append([*cells, interval_text(m.over_pinned), interval_text(m.error_time_over_pinned)])
-        tables += html_table(head, rows, f"efficiency {name}", _row_marks(gains_of_budgets, c, k))
-    return f'{tables}<p class="note">{GAINS_NOTE}</p>'
-
-
-def costs_table(gains_of_budgets: Sequence[Gain]) -> str:
-    """Return the table of what the rules cost: CPU seconds, rays, and errors times CPU seconds."""
-    head = ["spp", "rule", "CPU s", "pilot + fit", "Mrays", *(f"{name}·CPU s" for name in MEASURES.values())]
-    rows = [
-        [
-            str(g.spp) if g.rule == "balance" else "", _rule(g.rule), f"{g.cpu_seconds:.2f}", f"{g.overhead:.0%}",
-            f"{g.rays / 1e6:.2f}", *(f"{m.error * g.cpu_seconds:.4g}" for m in g.measures),
-        ]
-        for g in gains_of_budgets
-    ]  # fmt: skip
-    return html_table(head, rows, "costs", _row_marks(gains_of_budgets))
-
-
-def _row_marks(gains_of_budgets: Sequence[Gain], c: Comparison | None = None, k: int = 0) -> list[str]:
-    """Return the classes of rows: ``group`` where a budget begins, ``best`` for the first of `winners` by `k`."""
-    best = []
-    if c is not None:
-        budgets = {g.spp for g in gains_of_budgets}
-        best = [g for spp in budgets for g in winners(c, [g for g in gains_of_budgets if g.spp == spp], k)[:1]]
-    marks = [("group" * (g.rule == "balance"), "best" * (g in best)) for g in gains_of_budgets]
-    return [" ".join(filter(None, mark)) for mark in marks]
-
-
-def _rule(name: str) -> str:
-    """Return a rule's name, which may be broken after colons and commas."""
-    return re.sub("([:,])", r"\1<wbr>", escaped(name))
-
-
-def overview_table(comparisons: Sequence[Comparison]) -> str:
-    """Return the table of relMSE in equal time of all rules on all scenes, each at its largest budget."""
-    by_scene = []
-    for c in comparisons:
-        gains_of_budgets = gains(c.runs)
-        largest = max(g.spp for g in gains_of_budgets)
-        by_scene.append({g.rule: g for g in gains_of_budgets if g.spp == largest})
-    rules = dict.fromkeys(rule for gains_of_rules in by_scene for rule in gains_of_rules)
-    ratios = {
-        rule: [ratio_text(of[rule].relmse.equal_time) if rule in of else "–" for of in by_scene] for rule in rules
-    }
-    means = {name: over_scenes([c.runs for c in comparisons], name) for name in MEASURES}
-    rows = []
-    for rule, of_scenes in ratios.items():
-        of_all = [interval_text(of[rule]) if rule in of else "–" for of in means.values()]
-        rows.append([_rule(rule), *of_scenes, *of_all])
-    head = ["rule", *(escaped(c.scene) for c in comparisons), *(f"all, {name}·CPU s" for name in MEASURES.values())]
-    return f'<h2>Overview</h2>{html_table(head, rows, "overview")}<p class="note">{OVERVIEW_NOTE}</p>'
-
-
-def runs_table(c: Comparison) -> str:
-    """Return the table of all runs, cell by cell as in ``results.csv``."""
+    shown = []
+    for g in rows:
+        spp = str(g.spp) if g.rule == "balance" else ""
+        shown.append(gain_cells(g) | {"spp": spp, "rule": g.rule + " ⚠" * ((g.rule, g.spp) in alarmed)})
+    groups = ["group" * (g.rule == "balance") for g in rows]
+    tables = {}
+    for k, name in enumerate(ERRORS):
+        best = [winners(c, [g for g in rows if g.spp == spp], k)[:1] for spp in dict.fromkeys(g.spp for g in rows)]
+        marks = [f"{group}{' best' * ([g] in best)}".strip() for group, g in zip(groups, rows, strict=True)]
+        titles = ["spp", "rule", *(f"{name}{over}" for over in OVER)]
+        tables[f"efficiency {name}"] = Table(titles, [[row[title] for title in titles] for row in shown], marks)
+    tables["costs"] = Table(COSTS, [[row[title] for title in COSTS] for row in shown], groups)
     runs = run_by_key(run for by_seed in c.runs.values() for run in by_seed)
-    rows = [[escaped(value) for value in cells(c.scene, run, runs)] for run in runs.values()]
-    return html_table([name.replace("_", "_<wbr>") for name in COLUMNS], rows, "runs")
-
-
-def html_table(
-    head: Sequence[str], rows: Sequence[Sequence[str]], kind: str, marks: Sequence[str] | None = None
-) -> str:
-    """Return a table of the class `kind`; `marks` are the classes of its rows."""
-    titles = "".join(f'<th scope="col">{title}</th>' for title in head)
-    lines = [
-        f'<tr class="{mark}">' + "".join(f"<td>{value}</td>" for value in row) + "</tr>"
-        for row, mark in zip(rows, marks or [""] * len(rows), strict=True)
-    ]
-    content = f"<thead><tr>{titles}</tr></thead><tbody>{''.join(lines)}</tbody>"
-    return f'<div class="wide"><table class="{kind}">{content}</table></div>'
-
-
-def interval_text(interval: Interval) -> str:
-    """Return a ratio with the ends of its interval, if these are known."""
-    return interval.text("<small>({} – {})</small>")
-
-
-def escaped(value: object) -> str:
-    """Return a value as text with HTML's special characters escaped."""
-    return html.escape(str(value))
+    tables["runs"] = Table(COLUMNS, [cells(c.scene, run, runs) for run in runs.values()])
+    return tables

@@ -30,7 +30,7 @@ from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import normalise
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.lobe import Lobe
-from dmis.report.compare import summary
+from dmis.report.tables import summary
 from dmis.samplers.warp import INV_PI, square_to_sphere
 
 QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests

@@ -11,7 +11,8 @@ import dmis
 from dmis.experiment import alarm
 from dmis.experiment.runs import Run, measure
 from dmis.experiment.table import Comparison
-from dmis.report.compare import compare, summary
+from dmis.report.compare import compare
+from dmis.report.tables import summary
 from dmis.testing.scenes import box_scene
 
 

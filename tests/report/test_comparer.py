@@ -11,6 +11,7 @@ import pytest
 import dmis
 from dmis.report.comparer import Comparer
 
+pytest.importorskip("jinja2")
 A, B = np.full((3, 4, 3), 0.5, np.float32), np.linspace(0, 2, 36, dtype=np.float32).reshape(3, 4, 3)
 
 

@@ -17,7 +17,7 @@ from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison, read_comparison
 from dmis.fit.registry import RULES
 from dmis.image import read_exr, write_exr
-from dmis.report.paper_table import paper_table
+from dmis.report.tables import paper_table
 
 pytest.importorskip("matplotlib")
 from dmis.report import figure
@@ -129,9 +129,9 @@ def test_tables_are_bold_where_the_interval_allows(made: tuple[Comparison, Path]
     """Bold are the ratios whose whole interval is below 1, and no others; CSV has all digits."""
     comparison, _ = made
     rows = [g for g in gains(comparison.runs) if g.rule != PINNED]
-    ratios = [r for g in rows for r in (g.relmse.over_balance, g.mse.over_balance, g.relmse.error_time)]
+    ratios = [r for g in rows for m in g.measures for r in (m.over_balance, m.error_time)]
     wins = sum(r.high < 1 for r in ratios)
-    latex, markdown, numbers = (paper_table(comparison, style) for style in (".tex", ".md", ".csv"))
+    latex, markdown, numbers = (paper_table(comparison).text(style) for style in (".tex", ".md", ".csv"))
     assert latex.count(r"\textbf") == wins and markdown.count("**") == 2 * wins and wins < len(ratios)
     assert latex.count(r"\midrule") == 2 and r"\toprule" in latex and "thesis:patch=4" in latex
     assert len(numbers.splitlines()) == 1 + len(rows) == len(markdown.splitlines()) - 1

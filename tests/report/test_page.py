@@ -7,7 +7,7 @@ import html
 import io
 import json
 import re
-from html.parser import HTMLParser
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,12 +23,10 @@ from dmis import plot
 from dmis.experiment.convergence import gains, ratio_text
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
-from dmis.report.compare import summary
 from dmis.report.comparer import linear_png, palette_colours
 from dmis.report.page import write_report
-from dmis.report.paper_table import paper_table
 from dmis.report.plots import INK, convergence, error_lines, map_png
-from dmis.report.tables import costs_table, efficiency_table
+from dmis.report.tables import paper_table, report_tables, summary
 
 RULES, SPP = ["pbrt", "thesis:patch=4", "second-moment"], [8, 16]
 ALL = ["balance", *RULES, PINNED]
@@ -39,59 +37,36 @@ def page(made: tuple[Comparison, Path]) -> str:
     return (made[1] / "report.html").read_text("utf-8")
 
 
-class Tables(HTMLParser):
-    """Cells of tables by the tables' classes; all tags that were opened and closed, to see that they match."""
+def tables_of(page: str) -> dict[str, list[list[str]]]:
+    """Return the texts of the cells of tables by the tables' classes, titles first."""
+    tables = {}
+    for kind, table in re.findall(r'<table class="([^"]*)">(.*?)</table>', page, re.S):
+        rows = re.findall(r"<tr[^>]*>(.*?)</tr>", table, re.S)
+        cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.S) for row in rows]
+        tables[kind] = [[html.unescape(re.sub(r"<[^>]*>", "", cell)) for cell in row] for row in cells]
+    return tables
 
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tables: dict[str, list[list[str]]] = {}
-        self.open: list[str] = []
-        self._cell: list[str] | None = None
-        self.feed(text)
 
-    def handle_starttag(self, tag, attrs):
-        if tag in ("meta", "link", "img", "input", "br", "wbr"):
-            return
-        self.open.append(tag)
-        if tag == "table":
-            self._rows = self.tables.setdefault(dict(attrs)["class"], [])
-        elif tag == "tr":
-            self._rows.append([])
-        elif tag in ("td", "th"):
-            self._cell = []
-
-    def handle_startendtag(self, tag, attrs):
-        pass
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-        if tag in ("td", "th"):
-            self._rows[-1].append("".join(self._cell))
-            self._cell = None
-
-    def handle_data(self, data):
-        if self._cell is not None:
-            self._cell.append(data)
+def decoded(uri: str) -> np.ndarray:
+    """Pixels of a PNG in a data URI."""
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2], validate=True))))
 
 
 def half_floats(uri: str) -> np.ndarray:
     """What the page's script makes of a PNG."""
-    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2])))).astype(np.uint16)
-    high, low = np.split(pixels, 2)
+    high, low = np.split(decoded(uri).astype(np.uint16), 2)
     return (high << 8 | low).astype(np.uint16).view(np.float16)
 
 
-def test_page_asks_nothing_of_the_network(page):
-    """No address, no import; every source is a data URI."""
+def test_page_is_whole(page):
+    """Nothing is asked of the network or left over of a template; tags match; a name is given once."""
     assert not re.search(r"https?:|//[\w-]+\.\w|@import|\bfetch\(|url\(\s*[^#)]", page)
     assert all(source.startswith("data:image/png;base64,") for source in re.findall(r'\ssrc="([^"]*)"', page))
     assert re.findall(r'\shref="([^"#][^"]*)"', page.replace("xlink:href", "href")) == ["data:,"]
-
-
-def test_marks_are_filled_and_tags_match(page):
-    """Nothing of the template is left over; what is referred to by name is there once."""
-    assert "{{" not in page and INK not in page
-    assert Tables(page).open == []
+    assert not re.search(r"{[{%]", page) and INK not in page
+    body = re.sub(r"<(script|svg|style).*?</\1>", "", page, flags=re.S)
+    opened, closed = (Counter(re.findall(rf"<{slash}([a-z]\w*)", body)) for slash in ("", "/"))
+    assert set(opened - closed) == {"meta", "link", "img", "input", "br", "wbr"} and not closed - opened
     names = re.findall(r'\sid="([^"]*)"', page)
     assert len(names) == len(set(names))
     assert {*re.findall(r'href="#([^"]*)"', page), *re.findall(r"url\(#([^)]*)\)", page)} <= set(names)
@@ -99,12 +74,9 @@ def test_marks_are_filled_and_tags_match(page):
 
 def test_pictures_decode(page):
     """Every data URI is a PNG of some pixels."""
-    found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
-    assert len(found) == 1 + 5 + 6  # share maps of the oracle and of five rules; images
-    for text in found:
-        with Image.open(io.BytesIO(base64.b64decode(text, validate=True))) as image:
-            image.load()
-            assert image.mode == "RGB" and min(image.size) >= 6
+    pictures = [decoded(uri) for uri in re.findall(r"data:image/png;base64,[A-Za-z0-9+/=]+", page)]
+    assert len(pictures) == 1 + 5 + 6  # share maps of the oracle and of five rules; images
+    assert all(pixels.shape[2] == 3 and min(pixels.shape[:2]) >= 6 for pixels in pictures)
 
 
 def test_bold_is_the_winner_of_its_table():
@@ -113,9 +85,13 @@ def test_bold_is_the_winner_of_its_table():
         (rule, 8): [dataclasses.replace(run(rule, 8, k, 1.0, mse), relmse=relmse) for k in range(2)]
         for rule, relmse, mse in (("balance", 1, 1), ("first", 0.5, 1.02), ("second", 1.1, 0.7))
     }
-    tables = efficiency_table(Comparison({"scene": "box"}, runs, {}, None, None), gains(runs)).split("<table ")[1:]
-    assert [re.findall(r'<tr class="best"><td></td><td>(\w+)', table) for table in tables] == [["first"], ["second"]]
-    assert "best" not in costs_table(gains(runs))
+    runs |= {(PINNED, 8): [dataclasses.replace(run, rule=PINNED) for run in runs["balance", 8]]}
+    tables = report_tables(Comparison({"scene": "box"}, runs, {}, None, None), gains(runs))
+    best = {
+        kind: [row[1] for row, mark in zip(table.rows, table.marks, strict=False) if "best" in mark]
+        for kind, table in tables.items()
+    }
+    assert best == {"efficiency relMSE": ["first"], "efficiency MSE": ["second"], "costs": [], "runs": []}
 
 
 @pytest.mark.usefixtures("without_plots")
@@ -128,10 +104,8 @@ def test_nothing_is_bold_where_few_pixels_decide(made, tmp_path, added):
     pictures = {**made[0].pictures, ("balance", 16): {**layers, "RGB": bright}}
     changed = dataclasses.replace(made[0], runs=runs, pictures=pictures)
     write_report([changed], tmp_path / "report.html")
-    page, tables = (
-        (tmp_path / "report.html").read_text("utf-8"),
-        [paper_table(changed, form) for form in (".tex", ".md")],
-    )
+    page = (tmp_path / "report.html").read_text("utf-8")
+    tables = [paper_table(changed).text(form) for form in (".tex", ".md")]
     for bold in ('best"><td>', "is more efficient than", r"\textbf", "**0.5"):
         assert (bold in "".join([page, *tables])) == (not added)
     assert all(("ratios may be much too short" in text) == bool(added) for text in (page, summary(changed)))
@@ -154,7 +128,7 @@ def test_runs_are_those_of_the_file(made, page):
     """Cell for cell."""
     with open(made[1] / "results.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.reader(file))
-    shown = Tables(page).tables["runs"]
+    shown = tables_of(page)["runs"]
     assert shown[0] == rows[0]
     assert sorted(shown[1:]) == sorted(rows[1:]) and len(rows) == 1 + 5 * 2 * 2
     assert "mean_z: mean of the image less that of the reference" in page
@@ -166,7 +140,7 @@ def test_efficiency_follows_from_the_file(made, page):
         rows = list(csv.DictReader(file))
     kinds = "efficiency relMSE", "efficiency MSE", "costs"
     *both, costs = (
-        [dict(zip(head, line, strict=True)) for line in lines] for head, *lines in map(Tables(page).tables.get, kinds)
+        [dict(zip(head, line, strict=True)) for line in lines] for head, *lines in map(tables_of(page).get, kinds)
     )
     assert len(both[0]) == len(costs) == 10
     spp = ""
@@ -193,15 +167,15 @@ def test_several_scenes(made, tmp_path):
     write_report([comparison, other], path, "Two & more")
     text = path.read_text("utf-8")
     assert text.count("<section ") == 2 and text.count('class="viewer"') == 2 and "Two &amp; more" in text
+    assert 'alt="share map of thesis:patch=4"' in text and 'alt="share map of best shares by the oracle"' in text
     assert "a &lt;b&gt; &amp; c" in text and "a <b> & c</h2>" not in text
-    overview = Tables(text).tables["overview"]
+    overview = tables_of(text)["overview"]
     assert overview[0] == ["rule", "box", "a <b> & c", "all, relMSE·CPU s", "all, MSE·CPU s"]
     assert [row[0] for row in overview[1:]] == ALL
     times = {g.rule: g.relmse.equal_time for g in gains(comparison.runs) if g.spp == 16}
     assert [row[1] for row in overview[1:]] == [ratio_text(times[rule]) for rule in ALL]
     names = re.findall(r'\sid="([^"]*)"', text)
     assert len(names) == len(set(names))
-    assert 'alt="share map of thesis:patch=4"' in text and 'alt="share map of oracle"' in text
 
 
 def test_errors_that_have_no_logarithm(made, tmp_path):
@@ -215,7 +189,7 @@ def test_errors_that_have_no_logarithm(made, tmp_path):
         report = dataclasses.replace(comparison, runs=runs)
         write_report([report], tmp_path / "report.html")
         convergence(report, tmp_path / "convergence.png")
-        tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
+        tables = tables_of((tmp_path / "report.html").read_text("utf-8"))
         assert all(row[5] == "–" for name in ("relMSE", "MSE") for row in tables[f"efficiency {name}"][1:])
 
 
@@ -230,8 +204,7 @@ def test_linear_png_keeps_all_half_floats():
 
 def test_map_colours():
     """The ends of the palette at the ends of the range, grey where there is no value."""
-    uri = map_png(np.array([[0.0, 1.0, np.nan, 2.0]]), "magma", 0, 1)
-    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))))
+    pixels = decoded(map_png(np.array([[0.0, 1.0, np.nan, 2.0]]), "magma", 0, 1))
     low, high = (tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in palette_colours("magma", 2))
     np.testing.assert_allclose(pixels[0], [low, high, (128, 128, 128), high], atol=1)  # of rounding
 
@@ -264,8 +237,8 @@ def test_names_that_are_code(made, tmp_path):
     write_report([odd], tmp_path / "report.html")
     convergence(odd, tmp_path / "convergence.png")
     page = (tmp_path / "report.html").read_text("utf-8")
-    assert "<img src=x" not in page and page.count("<svg") == 3 and page.count("<script>") == 2
-    assert f"<h2>{html.escape(name)}</h2>" in page
+    assert "<img src=x" not in page and page.count("<svg") == 3 and page.count("<script>") == 1
+    assert html.unescape(re.findall("<h2>(.*?)</h2>", page)[0]) == name
     assert all(html.escape(f"Root of {error} over CPU seconds, {name}") in page for error in ("relMSE", "MSE"))
 
 
@@ -278,13 +251,10 @@ def test_winner_needs_an_interval_below_one(made, tmp_path):
 
     def told(change, seeds=5) -> str:
         """The page with five seeds, each made of the first one's run."""
-        runs = {
-            budget: [
-                change(dataclasses.replace(of[0], seed=k, mse=1 / of[0].spp, relmse=1 / of[0].spp))
-                for k in range(seeds)
-            ]
-            for budget, of in comparison.runs.items()
-        }
+        runs = {}
+        for budget, (of, *_) in comparison.runs.items():
+            same = [dataclasses.replace(of, seed=k, mse=1 / of.spp, relmse=1 / of.spp) for k in range(seeds)]
+            runs[budget] = list(map(change, same))
         write_report([dataclasses.replace(comparison, runs=runs)], tmp_path / "report.html")
         return (tmp_path / "report.html").read_text("utf-8")
 

@@ -20,11 +20,12 @@ from dmis.estimator.cost import CAMERA, RAY, SHADING
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.oracle_renders import EPSILON, measure_patches
 from dmis.report import play
-from dmis.report.comparer import asset
 from dmis.report.play import MOST_SAMPLES, best_even, best_with_samples
 from dmis.variance.curves import GRID, HALF
 
+pytest.importorskip("jinja2")
 INNER = GRID[1:-1]
+SCRIPT = Path(play.__file__).with_name("play_model.js").read_text("utf-8")
 
 
 def planted(rows: int, columns: int, shape: tuple[int, int] | None = None) -> Oracle:
@@ -103,7 +104,7 @@ def test_model_has_the_numbers_of_python(page) -> None:
     (measures, text), random = page, np.random.default_rng(4)
     w, n = random.uniform(0, 1, (5, 7)), 2.0 ** random.integers(-3, 4, (5, 7))
     w[0, :3] = 0, 0.5, 1
-    script = f"""const NAMES = ["balance", "oracle", "oracle + samples"];{asset("play_model.js")}
+    script = f"""const NAMES = ["balance", "oracle", "oracle + samples"];{SCRIPT}
         const model = new Model({data_of(text)}), w = {w.ravel().tolist()}, n = {n.ravel().tolist()};
         for (let turn = 0; turn < 100; turn++)
             for (let p = 0; p < w.length; p++) model.set(p, {{ w: turn < 99 ? Math.random() : w[p], n: n[p] }});
@@ -133,7 +134,7 @@ def test_noise_has_the_predicted_variance(page) -> None:
     """In Node: normal noise of V(w) / (16 n) in each patch, the same with the same seed, and none in other patches."""
     if (node := shutil.which("node")) is None:
         pytest.skip("needs node to run the page's numbers without a browser")
-    script = f"""{asset("play_model.js")}
+    script = f"""{SCRIPT}
         const model = new Model({data_of(page[1])}), bytes = new Uint8ClampedArray(4 * 19 * 27).fill(7);
         model.set(8, {{ w: 0.16, n: 4 }});
         const normal = normals(19 * 27, 1), colours = new Float32Array(4 * 19 * 27).fill(0.4);
