@@ -9,14 +9,17 @@ from dmis.base.validate import did_you_mean
 _EXPLAIN = "python examples/explained/why_is_this_pixel_noisy.py --help, in a checkout"
 COMMAND_LINE = {
     "bench": "bench-rules for rules; python benchmarks/speed.py SCENE, in a checkout, for times beside those of Embree",
+    "diff": "info A.exr B.exr, with -o MAP.png and --metric flip",
     "explain": _EXPLAIN,
+    "oracle": "compare SCENE --oracle-spp 2048 -o DIR; in Python, print(dmis.make_oracle(scene).text())",
+    "table": "figure DIR -o FILE, whose extension is .tex, .md or .csv",
     "list": "info --scenes, or info --rules",
     "scenes": "info --scenes",
     "rules": "info --rules",
     "show": "render SCENE -o OUT.png",
     "view": "render SCENE -o OUT.png",
     "heuristics": "info --rules; options of a rule name a heuristic, as in fixed:0.5,combiner=power",
-    "flip": "diff A.exr B.exr --metric flip",
+    "flip": "info A.exr B.exr --metric flip",
     "tonemap": "render SCENE -o OUT.png --exposure X",
     "layers": "info IMAGE.exr, or render SCENE -o OUT.exr --layers albedo,normal",
     "crop": "render SCENE -o OUT.exr --crop x0,y0,x1,y1",

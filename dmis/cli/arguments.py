@@ -10,22 +10,26 @@ import sys
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from dmis import __version__
 from dmis.base.synonyms import COMMAND_LINE, advice
 from dmis.base.text import printable
-from dmis.bench.data import SCENES as BENCH_SCENES
-from dmis.bench.judge import STYLES
 from dmis.estimator.settings import Settings
-from dmis.experiment.convergence import METRICS
 from dmis.fit.registry import RULES
-from dmis.fit.round import WEIGH
 from dmis.image import MAX_SIDE
 from dmis.pipeline.executor import MAX_WORKERS
 
 Options = Mapping[str, Mapping[str, Any]]
 """Arguments of ``add_argument`` by option, its names separated by spaces; options of a ``group`` exclude each other."""
+
+
+class Command(NamedTuple):
+    """A command: the module of `dmis.cli` that has its function, its summary and its options."""
+
+    module: str
+    summary: str
+    options: Options
 
 
 class _Parser(argparse.ArgumentParser):
@@ -42,7 +46,7 @@ class _Parser(argparse.ArgumentParser):
         known, unknown = self.parse_known_args(words, namespace)
         if unknown:
             word = unknown[0].partition("=")[0]
-            options = " ".join((*COMMANDS[known.command][1], *PLUGIN)).split()
+            options = " ".join((*COMMANDS[known.command].options, *PLUGIN)).split()
             self.error(f"{known.command} has no {word}{advice(word, COMMAND_LINE, options)}")
         return known
 
@@ -52,7 +56,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="dmis", description="Data-driven multiple importance sampling.")
     parser.add_argument("--version", action="version", version=f"dmis {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, (summary, options) in COMMANDS.items():
+    for name, (_, summary, options) in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
         groups: dict[str, Any] = {"": command}
         for names, arguments in {**options, **PLUGIN}.items():
@@ -64,32 +68,27 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _number(most: float, least: float = 1, parse: Any = int) -> Any:
-    """Return a parser of numbers from `least` to `most`, whole ones unless `parse` is float."""
+def _numbers(
+    form: str, least: float, most: float, counts: Container[int] = (1,), separator: str = ",", parse: Any = int
+) -> Any:
+    """Return a parser of numbers from `least` to `most`, as many as `counts` allow; its message has their `form`."""
 
     def parsed(text: str) -> Any:
         try:
-            value = parse(text)
+            values = tuple(map(parse, text.lower().split(separator)))
         except ValueError:
-            value = None
-        if value is None or not least <= value <= most:
-            kind = "whole number" if parse is int else "number"
-            raise argparse.ArgumentTypeError(f"must be a {kind} from {least} to {most}; got {text!r}")
-        return value
-
-    return parsed
-
-
-def _numbers(form: str, number: Any, counts: Container[int], separator: str = ",") -> Any:
-    """Return a parser of numbers with separators between them, `counts` of which are allowed; messages have `form`."""
-
-    def parsed(text: str) -> tuple[Any, ...]:
-        parts = text.lower().split(separator)
-        if len(parts) not in counts:
+            values = ()
+        if len(values) not in counts or not all(least <= value <= most for value in values):
             raise argparse.ArgumentTypeError(f"must be {form}; got {text!r}")
-        return tuple(map(number, parts))
+        return values if counts != (1,) else values[0]
 
     return parsed
+
+
+def _number(least: float, most: float, parse: Any = int) -> Any:
+    """Return a parser of one number from `least` to `most`, a whole one unless `parse` is float."""
+    kind = "whole number" if parse is int else "number"
+    return _numbers(f"a {kind} from {least} to {most}", least, most, parse=parse)
 
 
 def settings_options(*without: str) -> dict[str, dict[str, Any]]:
@@ -113,8 +112,9 @@ def _flag(text: str, group: str = "") -> dict[str, Any]:
     return {"help": text, "action": "store_true", "group": group}
 
 
-POSITIVE = _number(1e30, 1e-30, float)
-RESOLUTION = _numbers("WIDTHxHEIGHT with the letter x, such as 342x256", _number(MAX_SIDE), (2,), "x")
+POSITIVE = _number(1e-30, 1e30, float)
+SIZE = f"WIDTHxHEIGHT with the letter x, such as 342x256, each from 1 to {MAX_SIDE}"
+RESOLUTION = _numbers(SIZE, 1, MAX_SIDE, (2,), "x")
 """Parser of the width and height of an image."""
 PLUGIN_HELP = "import this Python file first, to know the rules and samplers that it registers (repeatable)"
 PLUGIN = {"--plugin": _option(PLUGIN_HELP, default=[], action="append", metavar="FILE.py")}
@@ -126,15 +126,11 @@ SCENE = {
     "--up": _option("axis of a model that points up (default: y; PLY and STL: z)", choices=("y", "z")),
     "--camera": _option(
         "camera in a model's file, by name or number from 0 on (default: the first, or a camera that sees all)",
-        group="view",
-        metavar="NAME",
+        group="view", metavar="NAME",
     ),
     "--look-at": _option(
-        "position of the camera for a model, and the point in the middle of the image",
-        float,
-        nargs=6,
-        group="view",
-        metavar=("X", "Y", "Z", "X", "Y", "Z"),
+        "position of the camera for a model, and the point in the middle of the image", float, group="view",
+        nargs=6, metavar=("X", "Y", "Z", "X", "Y", "Z"),
     ),
     "--fov": _option("field of view across the shorter side of the image, in degrees", float, metavar="F"),
     "--light": _option("sky that replaces a model's lights except surfaces: an image file or 'R G B'", metavar="SKY"),
@@ -142,21 +138,21 @@ SCENE = {
         "material that replaces all materials of a model, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'",
         metavar="M",
     ),
-}
+}  # fmt: skip
+METRIC = _option("error that is shown: relmse (default), mse or flip", str, "relmse", metavar="M")
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless given here")}
-SPP_LIST = _numbers("", _number(2**63), range(1, 2**16))
-CROP = _numbers("x0,y0,x1,y1 in pixels, such as 0,0,64,48", _number(MAX_SIDE, 0), (4,))
-ALBEDO = _numbers("one number, or four separated by commas", _number(1, 0, float), (1, 4))
-WORKERS, SEED = _number(MAX_WORKERS), _number(2**63, 0)
+SPP_LIST = _numbers("whole numbers of at least 1, separated by commas", 1, 2**63, range(1, 2**16))
+CROP = _numbers("x0,y0,x1,y1 in pixels, such as 0,0,64,48", 0, MAX_SIDE, (4,))
+ALBEDO = _numbers("one number from 0 to 1, or four separated by commas", 0, 1, (1, 4), parse=float)
+WORKERS, SEED = _number(1, MAX_WORKERS), _number(0, 2**63)
 THREADS = {"--threads": _option("number of threads (default: one per processor)", WORKERS, group="executor")}
 QUIET = {"--quiet": _flag("print warnings and errors only", "output")}
 VERBOSE = {"--verbose": _flag("also print the scene's plan, rays and seconds, or a line for each render", "output")}
 RULES_HELP = f"""weight rule: {", ".join(RULES)}; with options: thesis:patch=8,filter=none (default auto, or balance for
 fewer than 16 samples per pixel)"""
 OUTPUT = "-o --output"
-FOLDER: dict[str, Any] = {"parse": Path, "required": True, "metavar": "DIR"}
-COMMANDS: Mapping[str, tuple[str, Options]] = {
-    "render": ("render a scene to an EXR file with layers", {
+COMMANDS: Mapping[str, Command] = {
+    "render": Command("rendering", "render a scene to an EXR file with layers", {
         **SCENE,
         OUTPUT: _option("image with layers; or OUT.png for a preview alone", required=True, metavar="OUT.exr"),
         "--png": _option("also write a preview image", metavar="OUT.png"),
@@ -180,13 +176,15 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **QUIET,
         **VERBOSE,
     }),
-    "compare": ("compare rules on one scene or several: error, time, rays", {
+    "compare": Command("comparing", "compare rules on one scene or several: error, time, rays", {
         **SCENE,
         "scene": _option("one scene, or several with a folder for each in DIR", nargs="+", metavar="SCENE"),
-        OUTPUT: _option("output directory; an existing comparison in it is resumed", **FOLDER),
+        OUTPUT: _option(
+            "output directory; an existing comparison in it is resumed", Path, required=True, metavar="DIR"
+        ),
         "--rules": _option("rules separated by commas, or all (default %(default)s)", str, "balance,thesis,auto"),
         "--spp": _option("budgets of camera samples per pixel (default 128)", SPP_LIST, metavar="N,N,..."),
-        "--seeds": _option("number of seeds, from --seed on (default 5)", _number(10_000), 5, metavar="K"),
+        "--seeds": _option("number of seeds, from --seed on (default 5)", _number(1, 10_000), 5, metavar="K"),
         "--seed": _option("first seed (default 0)", SEED, 0),
         **settings_options(),
         **AS_IN_FILE,
@@ -198,76 +196,61 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **QUIET,
         **VERBOSE,
     }),
-    "figure": ("draw a figure of a comparison for a paper: the image, and crops of each rule", {
+    "figure": Command("figures", "draw a figure or a table of a comparison for a paper", {
         "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
-        OUTPUT: _option("figure: .pdf, .png, or an .html page with linked zoom", Path, required=True, metavar="FILE"),
+        OUTPUT: _option(
+            "figure: .pdf, .png, .svg, or an .html page with linked zoom; or table: .tex, .md, .csv", Path,
+            required=True, metavar="FILE",
+        ),
         "--rules": _option("rules separated by commas (default: all)", str, "", metavar="A,B,..."),
         "--crops": _option(
             "windows in pixels, of one size (default: two, where the rules differ most)", CROP, (),
             nargs="+", metavar="x0,y0,x1,y1",
         ),
-        "--metric": _option("error below each rule (default %(default)s)", str, "relmse", choices=tuple(METRICS)),
+        "--metric": METRIC,
         "--exposure": _option("factor of the images (default 1)", POSITIVE, 1.0, metavar="X"),
-        "--width": _option("inches: 7 for a page (default), 3.33 for a column", POSITIVE, 7.0, metavar="IN"),
+        "--width": _option("inches: 7 for a page (default), 3.33 for a column", _number(2, 20, float), 7, metavar="IN"),
         "--errors": _flag("also draw maps of errors, on one scale"),
     }),
-    "table": ("write the table of a comparison for a paper: LaTeX, Markdown or CSV", {
-        "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
-        OUTPUT: _option("table: .tex, .md or .csv", Path, required=True, metavar="FILE"),
-    }),
-    "diff": ("measure the error of one image against another: MSE, relMSE, FLIP", {
-        "image": _option("EXR or .npy file", Path, metavar="A.exr"),
-        "reference": _option("EXR or .npy file of the reference", Path, metavar="B.exr"),
-        "--metric": _option("error drawn in the map (default %(default)s)", str, "relmse", choices=tuple(METRICS)),
-        OUTPUT: _option("also draw a map of the errors", Path, metavar="MAP.png"),
-    }),
-    "oracle": ("compute how much the best weights and numbers of samples would save", {
-        **SCENE,
-        OUTPUT: _option("output directory of table and plots", **FOLDER),
-        "--spp": _option("camera samples per pixel, a multiple of 4 (default 2048)", int, 2048),
-        "--weigh": _option("meaning of w: share of samples (default), or heuristic", str, WEIGH[0], choices=WEIGH),
-        **settings_options("sampler", "preset"),
-        **THREADS,
-        **QUIET,
-    }),
-    "play": ("write a page to paint weights on, which shows the resulting error times time", {
+    "play": Command("figures", "write a page to paint weights on, which shows the resulting error times time", {
         **SCENE,
         OUTPUT: _option("page for a browser, usable offline", Path, required=True, metavar="OUT.html"),
         "--resolution": _option("pixels (default 160x120)", RESOLUTION, (160, 120), metavar="WxH"),
         "--spp": _option("camera samples per pixel for the curves, a multiple of 4 (default 512)", int, 512),
-        "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _number(65_536), 4),
+        "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _number(1, 65_536), 4),
         **settings_options("sampler", "preset"),
         **THREADS,
         **QUIET,
     }),
-    "info": ("print versions, and the plan of a scene: the work to do and to skip", {
+    "info": Command("info", "print versions, the plan of a scene, or the layers or errors of images", {
         **SCENE,
-        "scene": _option("scene whose plan is printed (default: versions only)", nargs="?"),
+        "scene": _option("scene, image, or two images, the second a reference (default: versions only)", nargs="*"),
+        OUTPUT: _option("also draw a map of the errors of the first image against the second", Path, metavar="MAP.png"),
+        "--metric": METRIC,
         "--rules": _flag("list the rules, with the options of each"),
         "--scenes": _flag("list the scenes that come with dmis"),
         "--rule": _option("rule for which all settings are printed, and who decides each: caller, rule, preset, ..."),
         **settings_options(),
     }),
-    "check": ("check lobes, lights, techniques, rules and samplers of your own", {
+    "check": Command("checks", "check lobes, lights, techniques, rules and samplers of your own", {
         "file": _option("Python file that defines lobes, lights, techniques, rules or samplers", metavar="FILE.py"),
         "--albedo": _option(
             "largest channel of the albedo that a lobe must have: one number, or four separated by commas, for wo at "
             "0, 35, 70 and 85 degrees (default: any, at most 1)", ALBEDO, (), metavar="A",
         ),
     }),
-    "doctor": ("find faults of multiple importance sampling in a table of any renderer's samples", {
+    "doctor": Command("checks", "find faults of multiple importance sampling in a table of any renderer's samples", {
         "table": _option("file of shading samples (docs/doctor.md lists the columns)", metavar="SAMPLES.npz"),
         "--report": _option("also write a page for a browser", Path, metavar="OUT.html"),
     }),
-    "bench-rules": ("score weight rules on MIS-Bench, without rendering", {
+    "bench-rules": Command("bench_rules", "score weight rules on MIS-Bench, without rendering", {
         "rules": _option("Python files or names of rules (default: those of the page)", nargs="*", metavar="RULE"),
         "--scenes": _option(
-            "scenes or data files separated by commas, such as small,kitchen.npz (default: all eight)", str,
-            ",".join(BENCH_SCENES),
+            "scenes or data files separated by commas, such as small,kitchen.npz (default: all eight)", str, ""
         ),
         "--render": _flag("also render the learned shares with Sobol points, and print errors over balance"),
-        "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(100), 4, metavar="K"),
-        "--format": _option("format of the tables (default %(default)s)", str, "text", choices=STYLES),
+        "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(1, 100), 4, metavar="K"),
+        "--format": _option("of the tables: text (default), markdown, latex or json", str, "text"),
     }),
 }  # fmt: skip
-"""Summary and options of each command."""
+"""The commands by name."""

@@ -7,15 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from dmis.base.plugins import load_plugin, raised
-from dmis.bench.data import path_of, read_truth
-from dmis.bench.judge import BASELINES, ORACLES, report, score
+from dmis.base.validate import one_of
+from dmis.bench.data import SCENES, path_of, read_truth
+from dmis.bench.judge import BASELINES, ORACLES, STYLES, report, score
 from dmis.cli.shared import say
 from dmis.fit.registry import RULES
 
 
 def bench_rules(options: argparse.Namespace) -> int:
     """Run ``bench-rules`` and return its exit code."""
-    scenes, seeds, scores = options.scenes.split(","), range(options.seeds), {}
+    one_of("format", options.format, STYLES)
+    scenes, seeds, scores = options.scenes.split(",") if options.scenes else SCENES, range(options.seeds), {}
     for scene in scenes:  # before the rules, whose errors name their file
         read_truth(path_of(scene))
         if options.render:

@@ -1,26 +1,38 @@
-"""The commands ``figure``, ``table`` and ``diff``: what a paper shows of a comparison, and of two images."""
+"""The commands ``figure``, a figure or a table of a comparison for a paper, and ``play``, a page to paint shares on."""
 
 from __future__ import annotations
 
 import argparse
 
 from dmis.base.atomic_files import check_package, check_writable, replacing
-from dmis.cli.shared import say
-from dmis.experiment.metrics import flip, mse, relmse
-from dmis.experiment.reference import load_reference
+from dmis.base.validate import one_of
+from dmis.cli.shared import check_page, given_settings, load, progress_bar, say
+from dmis.estimator.settings import make_settings
 from dmis.experiment.table import read_comparison
 from dmis.report.compare import split_rules
-from dmis.report.tables import paper_table
+from dmis.report.tables import STYLES, paper_table
+from dmis.report.templates import write_page
+
+FORMATS = (".pdf", ".png", ".svg", ".html", *STYLES)
+"""Extensions of pictures, of a page, and of tables."""
 
 
 def figure(options: argparse.Namespace) -> int:
     """Run ``figure`` and return its exit code."""
+    style = one_of("extension of a figure", options.output.suffix.lower(), FORMATS)
+    check_writable(options.output)
+    rules = split_rules(options.rules) if options.rules else []
+    if style in STYLES:
+        comparison = read_comparison(options.folder)
+        text = paper_table(comparison, rules).text(style)
+        with replacing(options.output) as partial:
+            partial.write_text(text, "utf-8")
+        say(options.output, *filter(None, [comparison.few_pixels()]))
+        return 0
     for package in ("matplotlib", "jinja2"):
         check_package(package, "a figure", "pip install 'dmis[plot]'")
-    check_writable(options.output)
     from dmis.report.figure import write_figure  # imported where used: it brings matplotlib
 
-    rules = split_rules(options.rules) if options.rules else []
     windows = write_figure(
         read_comparison(options.folder), options.output, rules, options.crops, options.metric,
         exposure=options.exposure, width=options.width, errors=options.errors,
@@ -30,37 +42,16 @@ def figure(options: argparse.Namespace) -> int:
     return 0
 
 
-def table(options: argparse.Namespace) -> int:
-    """Run ``table`` and return its exit code."""
-    check_writable(options.output)
-    comparison = read_comparison(options.folder)
-    text = paper_table(comparison).text(options.output.suffix.lower())
-    with replacing(options.output) as partial:
-        partial.write_text(text, "utf-8")
-    say(options.output, *filter(None, [comparison.few_pixels()]))
-    return 0
+def play(options: argparse.Namespace) -> int:
+    """Run ``play`` and return its exit code."""
+    from dmis.report.play import play_page
 
-
-def diff(options: argparse.Namespace) -> int:
-    """Run ``diff`` and return its exit code."""
-    if options.output is not None:
-        check_package("matplotlib", "a map", "pip install 'dmis[plot]'")
-        check_writable(options.output)
-    reference = load_reference(options.reference)
-    image = load_reference(options.image).mean.astype("f")
-    if image.shape != reference.first.shape:
-        sizes = " and ".join(f"{of.shape[1]}x{of.shape[0]}" for of in (image, reference.first))
-        raise ValueError(f"images must have one size; got {sizes}")
-    say(f"MSE     {mse(image, reference):.6g}", f"relMSE  {relmse(image, reference):.6g}")
-    try:
-        say(f"FLIP    {flip(image, reference).mean():.6g}")
-    except ImportError as missing:
-        if options.metric == "flip":
-            raise ValueError(str(missing)) from missing
-        say(f"FLIP    not measured: {missing}")
-    if options.output is not None:
-        from dmis.report.figure import write_error_map
-
-        write_error_map(image, reference, options.metric, options.output)
-        say(options.output)
+    check_page(options.output)
+    check_package("jinja2", "a page", "pip install 'dmis[plot]'")
+    scene, settings = load(options, options.scene), make_settings(**given_settings(options))
+    with progress_bar(options.quiet) as progress:
+        page = play_page(scene, options.spp, options.patch, settings, parallel=options.threads, progress=progress)
+    write_page(options.output, page)
+    if not options.quiet:
+        say(f"{options.output}: open it in a browser")
     return 0

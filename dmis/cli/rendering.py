@@ -43,7 +43,7 @@ def render(options: argparse.Namespace) -> int:
     """Run ``render`` and return its exit code."""
     make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
     files = _check_files(options)
-    scene = load(options)
+    scene = load(options, options.scene)
     if options.crop is not None:
         scene = scene.crop(options.crop)
     for path in files:
@@ -58,13 +58,6 @@ def render(options: argparse.Namespace) -> int:
         job = with_layers(job, options.layers.split(",")) if options.layers else job
         result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
     exposure = _exposure(options, scene, result)
-    has_preview = bool(options.png) or Path(options.output).suffix.lower() == ".png"
-    if has_preview and options.exposure is None and exposure > MAX_EXPOSURE:
-        lit_by, advice = scene.source["lit"], "Give it a sky"
-        if options.light is not None:
-            lit_by, advice = "this sky", "Brighten it"
-        text = f"exposure {exposure:.3g} of the preview: lit by {lit_by}, the model is nearly black"
-        warnings.warn(SceneWarning(f"{text}. {advice} (--light), or set --exposure"), stacklevel=2)
     write_image(options.output, result, exposure)
     if options.png:
         write_png(options.png, result.image, exposure)
@@ -73,28 +66,41 @@ def render(options: argparse.Namespace) -> int:
             partial.write_text(json.dumps(_stats(options, result), indent=2) + "\n")
     if options.checkpoint:
         remove_checkpoint(options.checkpoint)
-    if not options.quiet:
-        say(_summary(options, job, result))
-        if exposure != 1 and has_preview:
-            say(f"  exposure of the preview: {exposure:.3g}")
+    if options.quiet:
+        return 0
+    say(*_summary(options, job, result))
+    if exposure != 1 and _has_preview(options):
+        say(f"  exposure of the preview: {exposure:.3g}")
     if options.verbose:
         say(f"  {describe(scene)}", *_time_and_rays(result))
-    elif not options.quiet and "added" in scene.source:
+    elif "added" in scene.source:
         say(f"  added to the file: {'; '.join(scene.source['added'])}")
-    if not options.quiet and not options.verbose and "lit" in scene.source and options.light is None:
+    if not options.verbose and "lit" in scene.source and options.light is None:
         say(f"  lit by {scene.source['lit']}")
     return 0
+
+
+def _has_preview(options: argparse.Namespace) -> bool:
+    """Return whether a PNG file is written."""
+    return bool(options.png) or Path(options.output).suffix.lower() == ".png"
 
 
 def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> float:
     """Return the exposure of a preview: 1, or for a model with lights, whose units are unknown, an automatic one.
 
-    It maps the 95th percentile of the luminance to `EXPOSED`.
+    It maps the 95th percentile of the luminance to `EXPOSED`; a SceneWarning if it is larger than `MAX_EXPOSURE`.
     """
     if options.exposure is not None:
         return float(options.exposure)
     bright = float(np.quantile(result.image @ LUMINANCE, 0.95)) if scene.source.get("lit") else 0.0
-    return EXPOSED / bright if bright > 0 else 1.0
+    exposure = EXPOSED / bright if bright > 0 else 1.0
+    if exposure > MAX_EXPOSURE and _has_preview(options):
+        lit_by, advice = (
+            (scene.source["lit"], "Give it a sky") if options.light is None else ("this sky", "Brighten it")
+        )
+        text = f"exposure {exposure:.3g} of the preview: lit by {lit_by}, the model is nearly black"
+        warnings.warn(SceneWarning(f"{text}. {advice} (--light), or set --exposure"), stacklevel=2)
+    return exposure
 
 
 def _check_files(options: argparse.Namespace) -> list[Path]:
@@ -139,26 +145,26 @@ def _executor(options: argparse.Namespace) -> Iterator[Parallel]:
         yield client.get_executor(pure=False)
 
 
-def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
-    """Return what was rendered and how fast, why by another rule, and the number of fireflies."""
-    rule, seconds = result.provenance["rule"], result.seconds["total"]
-    taken = f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
-    about = f"{rule}, {result.provenance['spp']} spp{taken if options.as_in_file else ''}"
-    if noise := result.provenance.get("noise"):
-        about += f", rounds: {result.provenance['rounds']}, noise {noise:.2g}"
-        about += f" ({options.noise:g} was not reached)" if options.noise and noise > options.noise else ""
-    rate = result.rays.get("camera", 0) / seconds / 1e6
-    text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s"
+def _summary(options: argparse.Namespace, job: Job, result: Result) -> list[str]:
+    """Return lines with what was rendered and how fast, why by another rule, and the number of fireflies."""
+    about, seconds = result.provenance, result.seconds["total"]
+    text = f"{options.output}: {about['rule']}, {about['spp']} spp"
+    if options.as_in_file:
+        text += f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
+    if noise := about.get("noise"):
+        text += f", rounds: {about['rounds']}, noise {noise:.2g}"
+        text += f" ({options.noise:g} was not reached)" if options.noise and noise > options.noise else ""
+    lines = [f"{text}, {seconds:.2f} s, {result.rays.get('camera', 0) / seconds / 1e6:.2f} Msamples/s"]
     if number := int(result.fireflies.sum()):
-        text += (
-            f"\n  {number} of {result.fireflies.size:,} pixels look like noisy specks (fireflies), made by a few rare "
+        lines.append(
+            f"  {number} of {result.fireflies.size:,} pixels look like noisy specks (fireflies), made by a few rare "
             f"bright samples: the image is right on average, and a larger --spp removes them"
         )
     if pixels := job.notes.get("window"):
-        text += f"\n  window: {pixels}"
-    if reason := result.provenance.get("fallback"):
-        text += f"\n  {rule} at {job.spp} spp: {reason}"
-    return text
+        lines.append(f"  window: {pixels}")
+    if reason := about.get("fallback"):
+        lines.append(f"  {about['rule']} at {job.spp} spp: {reason}")
+    return lines
 
 
 def _time_and_rays(result: Result) -> list[str]:

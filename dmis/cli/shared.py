@@ -9,10 +9,12 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import fields
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dmis.base.atomic_files import check_writable
 from dmis.base.text import printable
 from dmis.base.validate import did_you_mean
 from dmis.brdf import materials, metallic_roughness, models
@@ -21,7 +23,6 @@ from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
 from dmis.formats.model import up_axis
 from dmis.light.environment import EnvironmentLight
-from dmis.pipeline.job import DEFAULT_SPP
 from dmis.pipeline.progress import Progress, reporting
 from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene
@@ -32,10 +33,10 @@ def say(*lines: object, error: bool = False) -> None:
     print(printable("\n".join(map(str, lines))), file=sys.stderr if error else sys.stdout, flush=True)
 
 
-def load(options: argparse.Namespace) -> Scene:
-    """Return the scene that the options name."""
+def load(options: argparse.Namespace, name: str) -> Scene:
+    """Return the scene of a name or file, seen and lit as the options have it."""
     more: dict[str, Any] = {"camera": options.camera, "fov": options.fov}
-    up = up_axis(options.scene, options.up)
+    up = up_axis(name, options.up)
     if options.look_at is not None:
         eye, target = tuple(options.look_at[:3]), tuple(options.look_at[3:])
         along = not np.cross(np.subtract(target, eye), up).any()  # of an image that is seen from above or below
@@ -46,7 +47,7 @@ def load(options: argparse.Namespace) -> Scene:
     if options.material is not None:
         more["material"] = read_material(options.material)
     more |= {"dialect": options.dialect, "outside": options.allow_outside, "up": options.up}
-    return load_scene(options.scene, options.resolution, **more)
+    return load_scene(name, options.resolution, **more)
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
@@ -60,17 +61,19 @@ def settings_of(options: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     return vars(Settings.as_in_file(scene, **given)) if options.as_in_file else given
 
 
-def spp_of(options: argparse.Namespace, scene: Scene) -> int:
-    """Return the camera samples per pixel where no option says."""
-    return (scene.suggested.spp if options.as_in_file else None) or DEFAULT_SPP
-
-
 def describe(scene: Scene) -> str:
     """Return the name, resolution and plan of a scene."""
     width, height = scene.camera.resolution
     unseen = 0 if scene.covered_pixels is None else int((~scene.covered_pixels).sum())
     empty = f" ({unseen:,} of them see no surface or light and are not sampled)" if unseen else ""
     return f"scene {scene.name}: {width}x{height} pixels{empty}, {scene.describe()}"
+
+
+def check_page(path: Path) -> None:
+    """Raise a ValueError unless a page has the name of one, an OSError if it cannot be written."""
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"a page must end in .html; got {str(path)!r}")
+    check_writable(path)
 
 
 def progress_bar(quiet: bool) -> AbstractContextManager[Progress | None]:

@@ -8,57 +8,44 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from dmis import plot
 from dmis.base.atomic_files import replacing
-from dmis.base.validate import did_you_mean, one_of
+from dmis.base.validate import one_of
 from dmis.base.vectors import Array
 from dmis.base.window import Window, window_area
-from dmis.experiment.convergence import METRICS, Gain, gains
+from dmis.experiment.convergence import METRICS, Gain
 from dmis.experiment.metrics import flip, relative_error, squared_error
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
-from dmis.image import tonemap
 from dmis.report.comparer import show
+from dmis.report.tables import chosen_gains
 
 FRAMES = "#e8590c", "#1c7ed6", "#2f9e44", "#ae3ec9"
 """Colours of the frames of crops."""
 CROP = 1 / 6
 """Side of an automatic crop over that of the image."""
-WIDTHS = (2.0, 20.0)
-"""Least and largest width of a figure, in inches."""
 NARROW = 5.0
 """Width in inches below which the whole image is above the crops, not beside them."""
-GAP, LINE, LETTER, POINTS = 0.04, 0.125, 0.056, 7
-"""Space between panels, height of a line of text and width of a letter, in inches; size of the text."""
+GAP, LETTER = 0.04, 0.056
+"""Space between panels and width of a letter, in inches."""
+POINTS = 7
+"""Size of the text."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contestant:
-    """A rule in a figure.
-
-    Attributes
-    ----------
-    rule
-        Its name, above its crops.
-    image
-        ``(H, W, 3)`` linear RGB, of the first seed.
-    errors
-        Of each pixel, ``(H, W)``.
-    lines
-        What is written below.
-    """
+    """A rule in a figure: linear RGB of the first seed ``(H, W, 3)``, its errors ``(H, W)``, and lines below."""
 
     rule: str
     image: Array
@@ -67,37 +54,25 @@ class Contestant:
 
 
 def contestants(comparison: Comparison, rules: Sequence[str] = (), metric: str = "relmse") -> list[Contestant]:
-    """Return the rules of a figure, at the largest budget of a comparison.
+    """Return the rules of a figure in their order, at the largest budget of a comparison.
 
     Parameters
     ----------
     comparison
         See `dmis.experiment.table.read_comparison`.
     rules
-        Names among its rules; none: all but the pinned baseline.
+        See `dmis.report.tables.chosen_gains`.
     metric
         What is written below each: one of `METRICS`.
-
-    Raises
-    ------
-    ValueError
-        If a rule is not among those of the comparison.
     """
     spp = max(n for _, n in comparison.runs)
-    by_rule = {g.rule: g for g in gains(comparison.runs) if g.spp == spp}
-    names = list(rules) or [rule for rule in by_rule if rule != PINNED]
-    for name in names:
-        if name not in by_rule:
-            raise ValueError(
-                f"rules of a figure must be among those of the comparison at {spp} samples per pixel, "
-                f"{', '.join(by_rule)}; got {name!r}{did_you_mean(name, by_rule)}"
-            )
-    found = []
-    for name in names:
-        image = comparison.pictures[name, spp]["RGB"]
+    by_rule = {g.rule: g for g in chosen_gains(comparison, rules, spp)}
+    chosen = []
+    for rule in rules or by_rule:
+        image = comparison.pictures[rule, spp]["RGB"]
         errors = error_map(image, comparison.reference, metric)
-        found.append(Contestant(name, image, errors, _lines(by_rule[name], metric, errors[comparison.area])))
-    return found
+        chosen.append(Contestant(rule, image, errors, _lines(by_rule[rule], metric, errors[comparison.area])))
+    return chosen
 
 
 def error_map(image: Array, reference: Reference | Array, metric: str = "relmse") -> Array:
@@ -105,10 +80,8 @@ def error_map(image: Array, reference: Reference | Array, metric: str = "relmse"
 
     By MSE and relMSE single values may be below 0, because the halves of a reference have noise of their own.
     """
-    one_of("metric", metric, METRICS)
-    if metric == "flip":
-        return flip(image, reference)
-    return relative_error(image, reference) if metric == "relmse" else squared_error(image, reference)
+    errors = {"relmse": relative_error, "mse": squared_error, "flip": flip}
+    return errors[one_of("metric", metric, errors)](image, reference)
 
 
 def _lines(gain: Gain, metric: str, errors: Array) -> tuple[str, ...]:
@@ -117,12 +90,9 @@ def _lines(gain: Gain, metric: str, errors: Array) -> tuple[str, ...]:
     if metric == "flip":
         return f"FLIP {errors.mean():.3f}", seconds
     measure = gain.relmse if metric == "relmse" else gain.mse
-    lines = [f"{METRICS[metric]} {measure.error:.2e}".replace("e-0", "e-")]
-    if gain.rule != "balance":
-        lines += [f"{measure.over_balance.value:.2f}×"]
-        low, high = measure.over_balance[1:]
-        lines += [] if np.isnan(high) else [f"({low:.2f}–{high:.2f})"]
-    return (*lines, seconds)
+    value, low, high = measure.over_balance
+    over = [] if gain.rule == "balance" else [f"{value:.2f}×", *([] if np.isnan(high) else [f"({low:.2f}–{high:.2f})"])]
+    return (f"{METRICS[metric]} {measure.error:.2e}".replace("e-0", "e-"), *over, seconds)
 
 
 def automatic_crops(maps: Sequence[Array], number: int = 2) -> list[Window]:
@@ -156,77 +126,15 @@ def automatic_crops(maps: Sequence[Array], number: int = 2) -> list[Window]:
     return windows
 
 
-def given_crops(crops: Sequence[Sequence[int]], shape: tuple[int, int]) -> list[Window]:
-    """Return the windows ``(x0, y0, x1, y1)`` of an image of `shape` (height, width).
-
-    A ValueError if one is not inside of the image, or if their sizes differ: panels of a figure have one shape.
-    """
-    areas = [window_area(crop, shape[::-1]) for crop in crops]
-    sizes = [f"{columns.stop - columns.start}x{rows.stop - rows.start}" for rows, columns in areas]
+def check_crops(crops: Sequence[Window], shape: tuple[int, int]) -> None:
+    """Raise a ValueError unless windows lie in an image of `shape` (height, width), have one size, and are few."""
+    if len(crops) > len(FRAMES):
+        raise ValueError(f"a figure has at most {len(FRAMES)} crops; got {len(crops)}")
+    for crop in crops:
+        window_area(crop, shape[::-1])
+    sizes = [f"{x1 - x0}x{y1 - y0}" for x0, y0, x1, y1 in crops]
     if len(set(sizes)) > 1:
         raise ValueError(f"crops of a figure must have one size; got {', '.join(sizes)}")
-    return [(columns.start, rows.start, columns.stop, rows.stop) for rows, columns in areas]
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """Places of a figure's panels, in inches from the top left.
-
-    Attributes
-    ----------
-    width, height
-        Of the figure.
-    whole
-        Width of the whole image, which is beside the crops in wide figures, and above them in narrow ones.
-    crop
-        Width and height of a crop.
-    left, top
-        Of the first crop.
-    aspect
-        Width of the whole image over its height.
-    """
-
-    width: float
-    height: float
-    whole: float
-    crop: tuple[float, float]
-    left: float
-    top: float
-    aspect: float
-
-    @classmethod
-    def of(cls, width: float, columns: int, rows: int, aspect: float, ratio: float, lines: tuple[int, int]) -> _Layout:
-        """Return the layout of crops whose height over width is `ratio`, with `lines` of text above and below."""
-        head, foot = 2 * GAP + LINE * lines[0], GAP + LINE * lines[1]
-        if width >= NARROW:  # the image is as high as all rows
-            crop = (width - columns * GAP - (rows - 1) * GAP * aspect) / (columns + rows * ratio * aspect)
-            block = rows * crop * ratio + (rows - 1) * GAP
-            return cls(
-                width, head + block + foot, block * aspect, (crop, crop * ratio), block * aspect + GAP, head, aspect
-            )
-        crop = (width - (columns - 1) * GAP) / columns
-        block = rows * crop * ratio + (rows - 1) * GAP
-        top = width / aspect + GAP + head
-        return cls(width, top + block + foot, width, (crop, crop * ratio), 0.0, top, aspect)
-
-    def panel(self, figure: Figure, x: float, y: float, size: tuple[float, float]) -> Any:
-        """Return axes without ticks."""
-        w, h = size
-        axis = figure.add_axes((x / self.width, 1 - (y + h) / self.height, w / self.width, h / self.height))
-        axis.set_axis_off()
-        return axis
-
-    def crop_at(self, figure: Figure, column: int, row: int) -> Any:
-        """Return the axes of a crop."""
-        x, y = self.left + column * (self.crop[0] + GAP), self.top + row * (self.crop[1] + GAP)
-        return self.panel(figure, x, y, self.crop)
-
-    def text(self, figure: Figure, column: int, y: float, lines: Sequence[str]) -> None:
-        """Write lines in the middle of a column, from `y` downwards."""
-        x = self.left + column * (self.crop[0] + GAP) + self.crop[0] / 2
-        for k, line in enumerate(lines):
-            place = x / self.width, 1 - (y + k * LINE) / self.height
-            figure.text(*place, line, fontsize=POINTS, ha="center", va="top", parse_math=False)
 
 
 def draw(
@@ -238,122 +146,115 @@ def draw(
     width: float = 7.0,
     errors: bool = False,
 ) -> Figure:
-    """Return the figure: the reference with frames, and a row of crops for each window.
+    """Return the figure: the reference with frames, and a row of crops for each of the windows.
 
-    Parameters
-    ----------
-    shown, windows
-        See `contestants`, and `automatic_crops` or `given_crops`.
-    exposure
-        Factor of all images.
-    width
-        Of the figure in inches: 7 is that of a page, 3.33 that of one of two columns.
-    errors
-        Whether a row of error maps follows each row of crops; all have one scale.
+    `exposure` is the factor of all images, `width` that of the figure in inches: 7 on a page, 3.33 in one of two
+    columns. With `errors` a row of error maps of one scale follows each row of crops.
     """
-    if not WIDTHS[0] <= width <= WIDTHS[1]:
-        raise ValueError(f"width of a figure must be from {WIDTHS[0]:g} to {WIDTHS[1]:g} inches; got {width:g}")
     truth = comparison.reference.mean
-    columns, rows = len(shown) + 1, len(windows) * (1 + errors)
     x0, y0, x1, y1 = windows[0]
-    size = width, columns, rows, truth.shape[1] / truth.shape[0], (y1 - y0) / (x1 - x0)
-    letters = int(_Layout.of(*size, (1, 1)).crop[0] / LETTER)
-    wrap = partial(textwrap.wrap, width=letters, break_long_words=False)
-    above = [*(wrap(re.sub("([:,])", r"\1 ", of.rule)) for of in shown), ["reference"]]
-    below = [[part for line in of.lines for part in wrap(line)] for of in shown]
-    lines = max(map(len, above)), max(map(len, below))
-    layout = _Layout.of(*size, lines)
-    figure = Figure(figsize=(width, layout.height))
+    aspect, ratio = truth.shape[1] / truth.shape[0], (y1 - y0) / (x1 - x0)
+    columns, rows = len(shown) + 1, len(windows) * (1 + errors)
+    grid = [[f"{row} {k}" for k in range(columns)] for row in range(rows)]
+    for row in grid[1::2] if errors else ():
+        row[-1] = "."  # the reference has no errors
+    crop, high = width / columns - GAP, rows * ratio  # width of a crop, and height of the panels over it
+    if width >= NARROW:  # the whole image is as high as all rows of crops
+        crop = (width - (columns + 1) * GAP - (rows - 1) * GAP * aspect) / (columns + high * aspect)
+        whole = (high * crop + (rows - 1) * GAP) * aspect
+        grid, sides = [["whole", *row] for row in grid], {"width_ratios": [whole, *[crop] * columns]}
+    else:
+        whole = (width - GAP) / aspect
+        grid, sides = [["whole"] * columns, *grid], {"height_ratios": [whole, *[crop * ratio] * rows]}
+        high += whole / crop
+    figure = Figure(figsize=(width, high * crop + 2), layout="constrained")
     FigureCanvasAgg(figure)
-    y = layout.top if width >= NARROW else 0.0
-    whole = layout.panel(figure, 0, y, (layout.whole, layout.whole / layout.aspect))
-    plot.picture(whole, truth, exposure=exposure)
-    whole.set_aspect("auto")
-    for window, colour in zip(windows, FRAMES, strict=False):
-        plot.mark(whole, window, colour, 1.5)
-    end = layout.top + rows * (layout.crop[1] + GAP)
-    for k, name in enumerate(above):
-        layout.text(figure, k, layout.top - GAP / 2 - LINE * len(name), name)
-        image = truth if k == len(shown) else shown[k].image
-        for row, (window, colour) in enumerate(zip(windows, FRAMES, strict=False)):
-            pixels = tonemap(image[window_area(window, image.shape[1::-1])], exposure)
-            _pixels(layout.crop_at(figure, k, row * (1 + errors)), pixels, colour)
+    figure.get_layout_engine().set(w_pad=GAP / 2, h_pad=GAP / 2, wspace=0, hspace=0)  # type: ignore[union-attr]
+    axes = figure.subplot_mosaic(grid, gridspec_kw=sides)
     roots = [np.sqrt(np.maximum(of.errors, 0)) for of in shown]
     scale = plot.shared_scale(roots) or 1.0
-    for k, root in enumerate(roots):
-        layout.text(figure, k, end, below[k])
-        for row, window in enumerate(windows if errors else ()):
+    plot.picture(axes["whole"], truth, exposure=exposure)
+    for row, (window, colour) in enumerate(zip(windows, FRAMES, strict=False)):
+        plot.mark(axes["whole"], window, colour, 1.5)
+        for k, image in enumerate([*(of.image for of in shown), truth]):
+            axis = axes[f"{row * (1 + errors)} {k}"]
+            plot.picture(axis, image, window=window, exposure=exposure)
+            plot.mark(axis, window, colour, 3)
+        for k, root in enumerate(roots if errors else ()):
             part = root[window_area(window, root.shape[::-1])]
-            _pixels(layout.crop_at(figure, k, 2 * row + 1), part, cmap="inferno", vmin=0, vmax=scale)
-    widest = max(text.get_window_extent().width for text in figure.texts) / figure.dpi
-    for text in figure.texts:
-        text.set_fontsize(POINTS * min(1, (layout.crop[0] + GAP / 2) / widest))
+            plot.heat(axes[f"{2 * row + 1} {k}"], part, window=window, cmap="inferno", vmin=0, vmax=scale)
+    _write_texts(
+        shown, [axes[f"0 {k}"] for k in range(columns)], [axes[f"{rows - 1} {k}"] for k in range(columns - 1)], crop
+    )
+    for axis in axes.values():
+        axis.set_aspect("auto")
+        axis.spines[:].set_visible(False)
+    figure.draw_without_rendering()
+    panel = axes["0 0"].get_window_extent()  # as wide as it will be; the figure's height makes its pixels square
+    figure.set_figheight(figure.get_figheight() + high * (panel.width - panel.height / ratio) / figure.dpi)
+    figure.draw_without_rendering()
     return figure
 
 
-def _pixels(axis: Any, values: Array, colour: str = "", **options: Any) -> None:
-    """Fill a panel with pixels, and with a frame of a `colour`."""
-    axis.imshow(values, interpolation="nearest", aspect="auto", **options)
-    if colour:
-        height, width = values.shape[:2]
-        frame = Rectangle((-0.5, -0.5), width, height, fill=False, edgecolor=colour, linewidth=3)
-        axis.add_patch(frame)
+def _write_texts(shown: Sequence[Contestant], top: Sequence[Axes], bottom: Sequence[Axes], crop: float) -> None:
+    """Write names of rules above the panels at the `top`, and their lines below those at the `bottom`.
+
+    Words stay whole: the text is smaller if one is wider than a `crop`, in inches.
+    """
+    wrap = partial(textwrap.wrap, width=int(crop / LETTER), break_long_words=False)
+    style = {"fontsize": POINTS, "parse_math": False}
+    names = [*(wrap(re.sub("([:,])", r"\1 ", of.rule)) for of in shown), ["reference"]]
+    texts = [axis.set_title("\n".join(name), pad=2, **style) for axis, name in zip(top, names, strict=True)]
+    for axis, of in zip(bottom, shown, strict=True):
+        lines = [part for line in of.lines for part in wrap(line)]
+        texts.append(axis.set_xlabel("\n".join(lines), labelpad=2, **style))
+    widest = max(text.get_window_extent().width for text in texts) / top[0].figure.dpi
+    for text in texts:
+        text.set_fontsize(POINTS * min(1, (crop + GAP / 2) / widest))
 
 
 def write_figure(
     comparison: Comparison,
     path: Path,
     rules: Sequence[str] = (),
-    crops: Sequence[Sequence[int]] = (),
+    crops: Sequence[Window] = (),
     metric: str = "relmse",
     **options: Any,
 ) -> list[Window]:
-    """Write a figure as PDF, PNG, or as a page with linked zoom (.html), and return its windows.
+    """Write a figure as an image, or as a page with linked zoom (.html), and return its windows.
 
     Parameters
     ----------
     path
-        Its extension tells the format. The page is the image comparer of reports, and has no crops.
+        Its extension tells the format: pdf, png, svg, or html, which is the image comparer of reports.
     rules, metric
         See `contestants`.
     crops
-        See `given_crops`; none: `automatic_crops`.
+        Windows of one size, at most four; none: `automatic_crops`.
     options
         See `draw`.
-
-    Raises
-    ------
-    ValueError
-        If the extension is another one, or an argument does not fit.
     """
-    one_of("extension of a figure", path.suffix.lower(), (".pdf", ".png", ".html"))
     shown = contestants(comparison, rules, metric)
-    if len(crops) > len(FRAMES):
-        raise ValueError(f"a figure has at most {len(FRAMES)} crops; got {len(crops)}")
     maps = [of.errors for of in shown]
-    windows = given_crops(crops, maps[0].shape) if crops else automatic_crops(maps)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    check_crops(crops, maps[0].shape)
+    windows = list(crops) or automatic_crops(maps)
     if path.suffix.lower() == ".html":
-        images: Mapping[str, Array] = {f"{of.rule}: {', '.join(of.lines)}": of.image for of in shown}
+        images = {f"{of.rule}: {', '.join(of.lines)}": of.image for of in shown}
         show(images, comparison.reference, comparison.scene).save(path)
         return windows
     figure = draw(comparison, shown, windows, **options)
     form = path.suffix.lower()[1:]
-    metadata = {"CreationDate": None} if form == "pdf" else {}
+    metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(form, {})
+    path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial:
         figure.savefig(partial, format=form, dpi=300, metadata=metadata)
     return windows
 
 
 def write_error_map(image: Array, reference: Reference, metric: str, path: Path) -> None:
-    """Write the map of the errors of an image by a measure of `METRICS`.
+    """Write a PNG file with the map of the errors of an image by a measure of `METRICS`.
 
     FLIP as it is, the others by their roots; the colours end where 0.5 % of the pixels are beyond.
-
-    Parameters
-    ----------
-    path
-        A PNG file.
     """
     one_of("extension of a map", path.suffix.lower(), (".png",))
     errors = error_map(image, reference, metric)

@@ -17,7 +17,6 @@ from dmis.experiment.convergence import MEASURES, Axis, Measure, line
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.runs import Budget, Run
 from dmis.report.comparer import png
-from dmis.variance.curves import HALF
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,17 +87,6 @@ def convergence(comparison: Comparison, path: Path) -> None:
         the lowest to the highest seed. CPU time is from the pilot to the last sample, fit included. Dotted: N^-1/2.
         Errors that are estimated below zero, because the reference is noisy, are left out."""
     plot.save(figure, path, f"{comparison.scene}: error against time and rays", caption)
-
-
-def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
-    """Write the plot of the best weights, with its caption, as a PNG file."""
-    rows, columns = oracle.variance.shape[1:]
-    figure, axes = plot.canvas(1, 1, 7, 1 + 6 * rows / columns)
-    covered = 0, 0, columns * oracle.patch, rows * oracle.patch
-    best = np.where(oracle.variance[HALF] > 0, oracle.best(), np.nan)
-    plot.weight_bar(figure, plot.weights(axes[0, 0], best, "", covered), axes[0, 0])
-    caption = f"Weight of least variance of each patch, from {oracle.spp} samples per pixel. {oracle.text()}"
-    plot.save(figure, path, f"{scene}: best weights", caption)
 
 
 def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> str:

@@ -40,9 +40,9 @@ def test_words_that_are_written_instead_exist(word: str, capsys: pytest.CaptureF
     with pytest.raises(SystemExit):
         main(arguments)
     advice = capsys.readouterr().err.partition(": write ")[2]
-    options = {option for _, of in COMMANDS.values() for names in of for option in names.split()}
+    options = {option for command in COMMANDS.values() for names in command.options for option in names.split()}
     options |= {"--plugin"}
-    assert advice and word not in COMMANDS and word not in COMMANDS["render"][1]
+    assert advice and word not in COMMANDS and word not in COMMANDS["render"].options
     assert set(re.findall(r"--[\w-]+", advice)) <= options | {"--help"}
     first = advice.split()[0].rstrip(",")
     assert first in COMMANDS or first in options or script_exists(advice)

@@ -126,8 +126,8 @@ def test_what_is_recognised(
         ("a = 1", [], r"my_lobe\.py must define something to check; it defines none of: classes that derive from Lobe"),
         ("1 / 0", [], r"plugin .* raised ZeroDivisionError: .* \(my_lobe\.py, line 1\)"),
         (None, [], r"no such file: .*my_lobe\.py; check needs a Python file"),
-        (DUST, ["--albedo", "1,2"], "must be one number, or four .*; got '1,2'"),
-        (DUST, ["--albedo", "nan"], "must be a number from 0 to 1"),
+        (DUST, ["--albedo", "1,2"], "must be one number from 0 to 1, or four .*; got '1,2'"),
+        (DUST, ["--albedo", "nan"], "must be one number from 0 to 1"),
         ("import dmis\nlamp = dmis.PointLight((0, 0, 2), (1, 1, 1))", ["--albedo", "1"], "defines none"),
     ],
 )

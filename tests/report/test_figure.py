@@ -20,6 +20,9 @@ from dmis.image import read_exr, write_exr
 from dmis.report.tables import paper_table
 
 pytest.importorskip("matplotlib")
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
 from dmis.report import figure
 
 
@@ -77,6 +80,11 @@ def test_small_images_have_crops_that_do_not_touch() -> None:
     assert windows == [(0, 0, 8, 8)]
 
 
+def texts_of(drawn: Figure) -> list[Text]:
+    """Names above the panels, and what is below."""
+    return [text for axis in drawn.axes for text in (axis.title, axis.xaxis.label) if text.get_text()]
+
+
 @pytest.mark.parametrize(("width", "errors"), [(7.0, False), (3.33, True)])
 def test_panels_do_not_overlap(made: tuple[Comparison, Path], width: float, errors: bool) -> None:
     """Each panel lies in the figure and beside the others, its pixels are square, and texts stay inside."""
@@ -93,18 +101,20 @@ def test_panels_do_not_overlap(made: tuple[Comparison, Path], width: float, erro
         assert not any(a.x0 < b.x1 - 1 and b.x0 < a.x1 - 1 and a.y0 < b.y1 - 1 and b.y0 < a.y1 - 1 for b in boxes[:k])
         height, columns = drawn.axes[k].images[0].get_array().shape[:2]
         assert (a.width / columns) == pytest.approx(a.height / height, rel=1e-6)
-    texts = [text.get_window_extent() for text in drawn.texts]
-    assert all(text.get_fontsize() >= 7 for text in drawn.texts)
-    assert all(t.x0 > -1 and t.x1 < drawn.bbox.x1 + 1 and t.y0 > -1 and t.y1 < drawn.bbox.y1 + 1 for t in texts)
+    assert all(text.get_fontsize() >= 7 for text in texts_of(drawn))
+    texts = [text.get_window_extent() for text in texts_of(drawn)]
+    assert len(texts) == 2 * len(shown) + 1 and all(
+        t.x0 > -1 and t.x1 < drawn.bbox.x1 + 1 and t.y0 > -1 and t.y1 < drawn.bbox.y1 + 1 for t in texts
+    )
 
 
 def test_words_are_whole_and_lie_beside_each_other(made: tuple[Comparison, Path]) -> None:
     comparison, _ = made
     (of, *_) = figure.contestants(comparison)
     drawn = figure.draw(comparison, [replace(of, rule="second-moment:patch=8,guard=12.5")] * 7, [(0, 0, 8, 8)], width=4)
-    words = {text.get_text() for text in drawn.texts}
+    words = {word for text in texts_of(drawn) for word in text.get_text().split("\n")}
     assert {"second-", "patch=8,", "guard=12.5", "reference"} <= words
-    wide = max(text.get_window_extent().width for text in drawn.texts)
+    wide = max(text.get_window_extent().width for text in texts_of(drawn))
     assert wide < drawn.axes[2].get_window_extent().x0 - drawn.axes[1].get_window_extent().x0
 
 
@@ -140,40 +150,49 @@ def test_tables_are_bold_where_the_interval_allows(made: tuple[Comparison, Path]
     assert low == pytest.approx(rows[1].relmse.over_balance.low, rel=1e-4)
 
 
-def test_commands(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two commands make a figure with two crops and a table; what cannot be drawn is named."""
+def test_figure_command(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One command makes a picture, a page or a table, as the extension says; what cannot be drawn is named."""
     folder = str(made[1])
-    for name in ("f.pdf", "f.html"):
+    begins = {
+        "f.pdf": "%PDF", "f.html": "<!doctype", "f.svg": "<?xml", "f.tex": "% needs", "f.md": "| spp", "f.csv": "spp,"
+    }  # fmt: skip
+    for name, begin in begins.items():
         assert main(["figure", folder, "-o", str(tmp_path / name), "--rules", "pbrt,balance", "--errors"]) == 0
-    assert "--crops" in capsys.readouterr().out and (tmp_path / "f.pdf").read_bytes().startswith(b"%PDF")
-    assert main(["table", folder, "-o", str(tmp_path / "t.tex")]) == 0
+        assert ("--crops" in capsys.readouterr().out) == (begin[0] in "%<" and name != "f.tex")
+        assert (tmp_path / name).read_bytes().startswith(begin.encode())
+    assert "thesis" not in (tmp_path / "f.csv").read_text()
     crops = ["--crops", "0,0,8,8", "9,9,17,17"]
     assert main(["figure", folder, "-o", str(tmp_path / "g.png"), *crops, "--metric", "mse", "--width", "3.5"]) == 0
     assert (tmp_path / "g.png").read_bytes().startswith(b"\x89PNG")
     for more, message in (
         (["--crops", "0,0,8,8", "9,9,18,17"], "crops of a figure must have one size; got 8x8, 9x8"),
         (["--crops", "10,10,8,8"], "a window must be (x0, y0, x1, y1) in pixels"),
-        (["--width", "99"], "width of a figure must be from 2 to 20 inches; got 99"),
+        (["--metric", "psnr"], "metric must be relmse or mse or flip; got 'psnr'"),
+        (["-o", str(tmp_path / "x.gif")], "extension of a figure must be .pdf or .png or .svg or .html or .tex"),
+        (["-o", str(tmp_path / "x.md"), "--rules", "pbr"], "got 'pbr', did you mean 'pbrt'"),
     ):
         assert main(["figure", folder, "-o", str(tmp_path / "x.png"), *more]) == 2
         assert message in capsys.readouterr().err
-    assert main(["figure", folder, "-o", str(tmp_path / "x.svg")]) == 2
-    assert "extension of a figure must be .pdf or .png or .html; got '.svg'" in capsys.readouterr().err
 
 
-def test_diff(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It prints what the library computes; images of two sizes are refused."""
+def test_errors_of_an_image(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``info A B`` prints what the library computes, and draws its map; images of two sizes are refused."""
     comparison, folder = made
     image, truth = folder / "images" / "pbrt-8spp.exr", folder / "images" / "reference.exr"
-    assert main(["diff", str(image), str(truth), "-o", str(tmp_path / "d.png")]) == 0
+    assert main(["info", str(image), str(truth), "-o", str(tmp_path / "d.png")]) == 0
     words = capsys.readouterr().out.split()
     pixels = comparison.pictures["pbrt", 8]["RGB"]
     assert float(words[1]) == pytest.approx(dmis.mse(pixels, comparison.reference), rel=1e-4)
     assert float(words[3]) == pytest.approx(relative_error(pixels, comparison.reference).mean(), rel=1e-4)
+    assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
     small = tmp_path / "small.exr"
     dmis.write_exr(small, pixels[:4, :5])
-    assert main(["diff", str(small), str(truth)]) == 2
-    assert "images must have one size; got 5x4 and" in capsys.readouterr().err
+    for words, message in (
+        ([str(small), str(truth)], "images must have one size; got 5x4 and"),
+        ([str(image), "-o", "d.png"], "info takes a scene, an image, or two images"),
+        ([str(image)] * 3, "info takes a scene, an image, or two images"),
+    ):
+        assert main(["info", *words]) == 2 and message in capsys.readouterr().err
 
 
 def test_flip() -> None:

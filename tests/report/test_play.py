@@ -307,7 +307,7 @@ def test_browser_repaints_in_time(browser, tmp_path: Path) -> None:
         ("--resolution 2000x1500", "at most 3 MB; got 63.1 MB for 2000x1500 pixels in patches of 4. Take a lower"),
         ("--patch 6", "patch must be a multiple of 4"),
         ("--spp 6", "must be a multiple of 4, and at least 8"),
-        ("-o play.png", "must end in .html, the page that it writes; got 'play.png'"),
+        ("-o play.png", "a page must end in .html; got 'play.png'"),
         ("-o missing/play.html", "missing"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The command ``check``: a user's own lobes, lights, techniques, rules and samplers."""
+"""The commands ``check``, for a user's own classes, and ``doctor``, for a table of any renderer's shading samples."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 
 from dmis.base.plugins import load_plugin
-from dmis.cli.shared import say
+from dmis.cli.shared import check_page, say
+from dmis.doctor.diagnosis import diagnose, page
+from dmis.report.templates import write_page
 from dmis.testing.find import RECOGNISED, find
 from dmis.testing.outcome import Outcome, line, summary
 
@@ -29,3 +31,15 @@ def check(options: argparse.Namespace) -> int:
         outcomes += results
     say(summary(outcomes))
     return int(not all(outcome.passed for outcome in outcomes))
+
+
+def doctor(options: argparse.Namespace) -> int:
+    """Run ``doctor`` and return its exit code: 1 if something is wrong."""
+    if options.report is not None:
+        check_page(options.report)
+    diagnosis = diagnose(options.table)
+    say(diagnosis.text())
+    if options.report is not None:
+        write_page(options.report, page(diagnosis, str(options.table)))
+        say(options.report)
+    return int(not diagnosis.healthy)

@@ -1,0 +1,86 @@
+"""The command ``compare``: errors and times of rules on one scene or several."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of
+from dmis.estimator.settings import make_settings
+from dmis.experiment.oracle_renders import make_oracle
+from dmis.experiment.reference import load_reference, make_reference
+from dmis.experiment.table import Comparison
+from dmis.fit.registry import make_rule
+from dmis.pipeline.job import DEFAULT_SPP
+from dmis.report.compare import can_draw, check_output, parse_rules
+from dmis.report.compare import compare as compare_rules
+from dmis.report.tables import overview, summary
+from dmis.scene.scene import Scene
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Run ``compare`` and return its exit code."""
+    parse_rules(options.rules)
+    make_settings(**given_settings(options))  # a bad one ends the command before a scene is read
+    names = [Path(scene).stem for scene in options.scene]
+    if len(set(names)) < len(names):
+        raise ValueError(f"scenes must have different names, which are those of their folders; got {', '.join(names)}")
+    if len(names) > 1 and options.reference is not None:
+        raise ValueError(f"--reference needs one scene; got {len(names)}. Without --reference dmis renders references")
+    folders = [options.output / name for name in names] if len(names) > 1 else [options.output]
+    for folder in folders:
+        check_output(folder)  # before a reference is rendered
+    scenes = [load(options, scene) for scene in options.scene]
+    comparisons = [_compare_scene(options, *each) for each in zip(scenes, folders, strict=True)]
+    if len(names) == 1:
+        return 0
+    if not options.quiet:
+        say(overview(comparisons).text())
+    if can_draw():
+        from dmis.report.page import write_report  # imported where used: it brings matplotlib
+
+        page = options.output / "report.html"
+        write_report(comparisons, page)
+        if not options.quiet:
+            say(page)
+    return 0
+
+
+def _print_run(rule: str, done: int, total: int) -> None:
+    """Print a line about a finished render."""
+    say(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}")
+
+
+def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> Comparison:
+    """Compare the rules on a scene, write the results into the folder `output`, and return the comparison."""
+    rules = parse_rules(options.rules)
+    spp = options.spp or [(scene.suggested.spp if options.as_in_file else None) or DEFAULT_SPP]
+    settings = settings_of(options, scene)
+    if options.verbose:
+        say(describe(scene))
+    with progress_bar(options.quiet) as progress:
+        of_renders = {"parallel": options.threads, "progress": progress}
+        if options.reference is not None:
+            reference = load_reference(options.reference, scene, make_settings(**settings))
+        else:
+            reference = make_reference(scene, options.reference_spp, **of_renders, **settings)
+        oracle = None
+        if options.oracle_spp is not None:
+            oracle = make_oracle(scene, options.oracle_spp, **of_renders, **settings)
+        if options.verbose:
+            of_renders["progress"] = lambda rule, done, total: say(
+                f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}"
+            )
+        seeds = range(options.seed, options.seed + options.seeds)
+        comparison = compare_rules(
+            scene, rules, spp, seeds, reference, output, oracle=oracle, crop=options.crop, **of_renders, **settings
+        )
+    for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
+        pilot = sum(make_rule(rule).pilot.values())
+        why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
+        say(f"dmis: {rule} is skipped at {n} samples per pixel, {why}", error=True)
+    if not options.quiet:
+        say(summary(comparison), *([] if oracle is None else ["", oracle.text()]))
+        say(*filter(Path.exists, (output / name for name in ("results.csv", "report.html"))))
+    return comparison
