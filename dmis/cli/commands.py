@@ -12,12 +12,14 @@ import shlex
 import sys
 import warnings
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 
 from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import COMMANDS, make_parser
 from dmis.cli.shared import say
+from dmis.estimator.settings import Settings, make_settings
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = lambda message, *_, **__: say(f"dmis: warning: {message}", error=True)  # type: ignore[assignment]
             for file in options.plugin:
                 load_plugin(file)
+            given = {field.name for field in fields(Settings)} & {*vars(options)}
+            options.settings = make_settings(**{name: getattr(options, name) for name in given})
             module = import_module(f"dmis.cli.{COMMANDS[options.command].module}")  # another's need not be imported
             code: int = getattr(module, options.command.replace("-", "_"))(options)
             sys.stdout.flush()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from typing import Any
 
-from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of
-from dmis.estimator.settings import make_settings
+from dmis.cli.shared import describe, load, progress_bar, say, settings_of
 from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import load_reference, make_reference
 from dmis.experiment.table import Comparison
@@ -22,7 +22,6 @@ from dmis.scene.scene import Scene
 def compare(options: argparse.Namespace) -> int:
     """Run ``compare`` and return its exit code."""
     parse_rules(options.rules)
-    make_settings(**given_settings(options))  # a bad one ends the command before a scene is read
     names = [Path(scene).stem for scene in options.scene]
     if len(set(names)) < len(names):
         raise ValueError(f"scenes must have different names, which are those of their folders; got {', '.join(names)}")
@@ -56,25 +55,23 @@ def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> C
     """Compare the rules on a scene, write the results into the folder `output`, and return the comparison."""
     rules = parse_rules(options.rules)
     spp = options.spp or [(scene.suggested.spp if options.as_in_file else None) or DEFAULT_SPP]
-    settings = settings_of(options, scene)
     if options.verbose:
         say(describe(scene))
     with progress_bar(options.quiet) as progress:
-        of_renders = {"parallel": options.threads, "progress": progress}
+        settings = settings_of(options, scene)
+        of_renders: dict[str, Any] = {"settings": settings, "parallel": options.threads, "progress": progress}
         if options.reference is not None:
-            reference = load_reference(options.reference, scene, make_settings(**settings))
+            reference = load_reference(options.reference, scene, settings)
         else:
-            reference = make_reference(scene, options.reference_spp, **of_renders, **settings)
+            reference = make_reference(scene, options.reference_spp, **of_renders)
         oracle = None
         if options.oracle_spp is not None:
-            oracle = make_oracle(scene, options.oracle_spp, **of_renders, **settings)
+            oracle = make_oracle(scene, options.oracle_spp, **of_renders)
         if options.verbose:
-            of_renders["progress"] = lambda rule, done, total: say(
-                f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}"
-            )
+            of_renders["progress"] = _print_run
         seeds = range(options.seed, options.seed + options.seeds)
         comparison = compare_rules(
-            scene, rules, spp, seeds, reference, output, oracle=oracle, crop=options.crop, **of_renders, **settings
+            scene, rules, spp, seeds, reference, output, oracle=oracle, crop=options.crop, **of_renders
         )
     for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
         pilot = sum(make_rule(rule).pilot.values())

@@ -6,8 +6,7 @@ import argparse
 
 from dmis.base.atomic_files import check_package, check_writable, replacing
 from dmis.base.validate import one_of
-from dmis.cli.shared import check_page, given_settings, load, progress_bar, say
-from dmis.estimator.settings import make_settings
+from dmis.cli.shared import check_page, load, progress_bar, say
 from dmis.experiment.table import read_comparison
 from dmis.report.compare import split_rules
 from dmis.report.tables import STYLES, paper_table
@@ -48,9 +47,11 @@ def play(options: argparse.Namespace) -> int:
 
     check_page(options.output)
     check_package("jinja2", "a page", "pip install 'dmis[plot]'")
-    scene, settings = load(options, options.scene), make_settings(**given_settings(options))
+    scene = load(options, options.scene)
     with progress_bar(options.quiet) as progress:
-        page = play_page(scene, options.spp, options.patch, settings, parallel=options.threads, progress=progress)
+        page = play_page(
+            scene, options.spp, options.patch, options.settings, parallel=options.threads, progress=progress
+        )
     write_page(options.output, page)
     if not options.quiet:
         say(f"{options.output}: open it in a browser")

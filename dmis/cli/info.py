@@ -11,8 +11,7 @@ from pathlib import Path
 
 from dmis import __version__
 from dmis.base.atomic_files import check_package, check_writable
-from dmis.cli.shared import describe, given_settings, load, say
-from dmis.estimator.settings import make_settings
+from dmis.cli.shared import describe, load, say
 from dmis.experiment.metrics import flip, mse, relmse
 from dmis.experiment.reference import load_reference
 from dmis.fit.registry import RULES, about
@@ -53,8 +52,8 @@ def _plan(options: argparse.Namespace, name: str) -> None:
     scene, _ = load(options, name).in_float32
     scene.prepare()
     say(f"\n{describe(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
-    if options.rule or given_settings(options):
-        job = resolve(scene, options.rule, None, 0, make_settings(**given_settings(options)))
+    if options.rule or options.settings.explicit:
+        job = resolve(scene, options.rule, None, 0, options.settings)
         decided = (f"  {name}: {value!r}, {job.sources[name]}" for name, value in vars(job.settings).items())
         say(f"settings with rule {job.rule_text}, and who decides each:", *decided, *job.notes.values())
 

@@ -17,8 +17,7 @@ import numpy as np
 from dmis.base import malloc
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.color import LUMINANCE
-from dmis.cli.shared import describe, given_settings, load, progress_bar, say, settings_of
-from dmis.estimator.settings import make_settings
+from dmis.cli.shared import describe, load, progress_bar, say, settings_of
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
 from dmis.pipeline.executor import Parallel, Processes
@@ -41,7 +40,6 @@ BYTES_OF_PIXEL, BYTES_OF_DESCRIPTION = 32, 2**16
 
 def render(options: argparse.Namespace) -> int:
     """Run ``render`` and return its exit code."""
-    make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
     files = _check_files(options)
     scene = load(options, options.scene)
     if options.crop is not None:
@@ -50,14 +48,14 @@ def render(options: argparse.Namespace) -> int:
         check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
     with _executor(options) as parallel, progress_bar(options.quiet) as progress:
         spp = scene.suggested.spp if options.spp is None and options.as_in_file else options.spp
-        stop = None
-        if options.noise is not None or options.seconds is not None:
-            stop = Stop(options.noise, options.seconds)
-        settings = make_settings(**settings_of(options, scene))
+        limits = options.noise, options.seconds
+        stop = None if limits == (None, None) else Stop(*limits)
+        settings = settings_of(options, scene)
         job = resolve(scene, options.rule, spp, options.seed, settings, doubling=stop is not None)
         job = with_layers(job, options.layers.split(",")) if options.layers else job
         result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
-    exposure = _exposure(options, scene, result)
+    has_preview = any(path.suffix.lower() == ".png" for path in files)
+    exposure = _exposure(options, scene, result) if has_preview else 1.0
     write_image(options.output, result, exposure)
     if options.png:
         write_png(options.png, result.image, exposure)
@@ -69,20 +67,15 @@ def render(options: argparse.Namespace) -> int:
     if options.quiet:
         return 0
     say(*_summary(options, job, result))
-    if exposure != 1 and _has_preview(options):
+    if exposure != 1:
         say(f"  exposure of the preview: {exposure:.3g}")
     if options.verbose:
-        say(f"  {describe(scene)}", *_time_and_rays(result))
+        say(*_details(scene, result))
     elif "added" in scene.source:
         say(f"  added to the file: {'; '.join(scene.source['added'])}")
-    if not options.verbose and "lit" in scene.source and options.light is None:
+    if "lit" in scene.source and options.light is None and not options.verbose:
         say(f"  lit by {scene.source['lit']}")
     return 0
-
-
-def _has_preview(options: argparse.Namespace) -> bool:
-    """Return whether a PNG file is written."""
-    return bool(options.png) or Path(options.output).suffix.lower() == ".png"
 
 
 def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> float:
@@ -94,12 +87,10 @@ def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> floa
         return float(options.exposure)
     bright = float(np.quantile(result.image @ LUMINANCE, 0.95)) if scene.source.get("lit") else 0.0
     exposure = EXPOSED / bright if bright > 0 else 1.0
-    if exposure > MAX_EXPOSURE and _has_preview(options):
-        lit_by, advice = (
-            (scene.source["lit"], "Give it a sky") if options.light is None else ("this sky", "Brighten it")
-        )
+    if exposure > MAX_EXPOSURE:
+        lit_by, fix = ("this sky", "Brighten it") if options.light else (scene.source["lit"], "Give it a sky")
         text = f"exposure {exposure:.3g} of the preview: lit by {lit_by}, the model is nearly black"
-        warnings.warn(SceneWarning(f"{text}. {advice} (--light), or set --exposure"), stacklevel=2)
+        warnings.warn(SceneWarning(f"{text}. {fix} (--light), or set --exposure"), stacklevel=2)
     return exposure
 
 
@@ -167,17 +158,17 @@ def _summary(options: argparse.Namespace, job: Job, result: Result) -> list[str]
     return lines
 
 
-def _time_and_rays(result: Result) -> list[str]:
-    """Return lines with seconds of each stage, rays of each kind, mean share of light samples, and what was decided."""
+def _details(scene: Scene, result: Result) -> list[str]:
+    """Return lines with the plan, seconds and rays by kind, mean share of light samples, and what was decided."""
     stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
     rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
     decided = result.provenance.get("decided", {})
-    decisions = [f"  {name}: {', '.join(f'{value:g}' for value in values)}" for name, values in decided.items()]
     return [
+        f"  {describe(scene)}",
         f"  seconds: {stages}",
         f"  rays: {rays}",
         f"  light samples: {result.light_share.mean():.0%}",
-        *decisions,
+        *(f"  {name}: {', '.join(f'{value:g}' for value in values)}" for name, values in decided.items()),
     ]
 
 

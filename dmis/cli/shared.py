@@ -7,7 +7,6 @@ import inspect
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -50,15 +49,9 @@ def load(options: argparse.Namespace, name: str) -> Scene:
     return load_scene(name, options.resolution, **more)
 
 
-def given_settings(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the fields of `Settings` that were given as options, by name."""
-    return {field.name: getattr(options, field.name) for field in fields(Settings) if hasattr(options, field.name)}
-
-
-def settings_of(options: argparse.Namespace, scene: Scene) -> dict[str, Any]:
-    """Return fields of `Settings` by name: those given, and with --as-in-file the scene file's."""
-    given = given_settings(options)
-    return vars(Settings.as_in_file(scene, **given)) if options.as_in_file else given
+def settings_of(options: argparse.Namespace, scene: Scene) -> Settings:
+    """Return the settings that were given, with --as-in-file in place of the scene file's."""
+    return Settings.as_in_file(scene, **options.settings.explicit) if options.as_in_file else options.settings
 
 
 def describe(scene: Scene) -> str:
