@@ -41,6 +41,6 @@ def _environment() -> Environment:
     )  # fmt: skip
     environment.filters["ratio"] = ratio_text
     # names of rules and columns may be broken after these characters
-    environment.filters["breakable"] = lambda text: Markup(re.sub("([:,_])", r"\1<wbr>", str(escape(text))))
+    environment.filters["breakable"] = lambda text: Markup(re.sub("([:,_])(?! )", r"\1<wbr>", str(escape(text))))
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
     return environment

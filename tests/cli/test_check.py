@@ -132,19 +132,9 @@ def test_what_is_recognised(
     ],
 )
 def test_bad_input(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    text: str | None,
-    options: list[str],
-    message: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused, text: str | None, options: list[str], message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     if text is not None:
         write(tmp_path, text)
-    try:
-        code = main(["check", "my_lobe.py", *options])
-    except SystemExit as stop:
-        code = stop.code  # type: ignore[assignment]
-    out, error = capsys.readouterr()
-    assert code == 2 and out == "" and re.search(message, error) and "Traceback" not in error
+    assert re.search(message, refused(["check", "my_lobe.py", *options]))

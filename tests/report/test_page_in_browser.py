@@ -95,22 +95,6 @@ def test_browser_page_fits(opened, width):
     assert width < 1000 or [wide - visible for wide, visible in tables] == [0] * 4
 
 
-def test_browser_tick_labels_do_not_overlap(opened):
-    """Texts of a plot, its legend's included, are apart from each other in the page's font."""
-    plots = opened.evaluate("""() => [...document.querySelectorAll('.plots svg')].map(plot =>
-        [...plot.querySelectorAll('text')].map(text => {
-            const { left, right, top, bottom } = text.getBoundingClientRect();
-            return [text.textContent.trim(), left, right, top, bottom];
-        }))""")
-    assert len(plots) == 3
-    for texts in plots:
-        assert {"balance", "thesis:patch=4", PINNED} <= {text for text, *_ in texts}  # the legend is in the plot
-        for k, (text, left, right, top, bottom) in enumerate(texts):
-            for other, *box in texts[:k]:
-                apart = left >= box[1] or right <= box[0] or top >= box[3] - 2 or bottom <= box[2] + 2
-                assert apart, (text, other)
-
-
 def test_browser_splits(opened, made):
     """The left image up to the divider, which can be dragged; or both side by side, at the same place."""
     state = "() => VIEWERS[0].panes.map(p => [VIEWERS[0].scene.images[p.k].label, p.from, p.to, p.size])"
