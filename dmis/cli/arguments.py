@@ -176,7 +176,7 @@ COMMANDS: Mapping[str, Command] = {
         **QUIET,
         **VERBOSE,
     }),
-    "compare": Command("comparing", "compare rules on one scene or several: error, time, rays", {
+    "compare": Command("reports", "compare rules on one scene or several: error, time, rays", {
         **SCENE,
         "scene": _option("one scene, or several with a folder for each in DIR", nargs="+", metavar="SCENE"),
         OUTPUT: _option(
@@ -196,7 +196,7 @@ COMMANDS: Mapping[str, Command] = {
         **QUIET,
         **VERBOSE,
     }),
-    "figure": Command("figures", "draw a figure or a table of a comparison for a paper", {
+    "figure": Command("reports", "draw a figure or a table of a comparison for a paper", {
         "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
         OUTPUT: _option(
             "figure: .pdf, .png, .svg, or an .html page with linked zoom; or table: .tex, .md, .csv", Path,
@@ -212,7 +212,7 @@ COMMANDS: Mapping[str, Command] = {
         "--width": _option("inches: 7 for a page (default), 3.33 for a column", _number(2, 20, float), 7, metavar="IN"),
         "--errors": _flag("also draw maps of errors, on one scale"),
     }),
-    "play": Command("figures", "write a page to paint weights on, which shows the resulting error times time", {
+    "play": Command("reports", "write a page to paint weights on, which shows the resulting error times time", {
         **SCENE,
         OUTPUT: _option("page for a browser, usable offline", Path, required=True, metavar="OUT.html"),
         "--resolution": _option("pixels (default 160x120)", RESOLUTION, (160, 120), metavar="WxH"),

@@ -34,12 +34,11 @@ class Comparer:
         The whole page, HTML.
     """
 
-    def __init__(self, page: str, labels: Sequence[str]) -> None:
+    def __init__(self, page: str) -> None:
         self.page = page
-        self._labels = tuple(labels)
 
     def __repr__(self) -> str:
-        return f"<Comparer of {', '.join(self._labels)}: a notebook shows it, .save(path) writes it for a browser>"
+        return "<Comparer: a notebook shows it, .save(path) writes it for a browser>"
 
     def _repr_html_(self) -> str:
         """Return the page in a frame, which keeps its style and its script apart from the notebook's."""
@@ -88,18 +87,17 @@ def show(
         given = ", ".join(f"{label} {width}×{height}" for label, (height, width) in shapes.items())
         raise ValueError(f"images must have one size, got {given}. Render them at one resolution.")
     data = comparer_data([viewer_data(title, pictures, truth)])
-    return Comparer(filled("show.html", title=title, data=data), list(shapes))
+    return Comparer(filled("show.html", title=title, data=data))
 
 
 def _linear(label: str, image: Array | Result) -> Array:
     """Return an image as linear RGB ``(H, W, 3)``."""
     pixels = np.asarray(image.image if isinstance(image, Result) else image)
-    if pixels.dtype.kind not in "fiub":
-        raise ValueError(f"image {label!r} must be an array of numbers or a dmis.Result, got {type(image).__name__}")
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[..., None], 3, axis=2)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
-        raise ValueError(f"image {label!r} must have the shape (H, W, 3) or (H, W), got {pixels.shape}")
+    if pixels.dtype.kind not in "fiub" or pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
+        given = f"{type(image).__name__} of shape {pixels.shape}"
+        raise ValueError(f"image {label!r} must be numbers (H, W, 3) or (H, W), or a dmis.Result; got {given}")
     return pixels.astype(np.float32)
 
 

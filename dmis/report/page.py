@@ -7,12 +7,13 @@ that save tables and plots.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from dmis import __version__
+from dmis.base.vectors import Array
 from dmis.experiment.alarm import ALARM_LIMIT
 from dmis.experiment.convergence import gains
 from dmis.experiment.runs import PINNED, fallbacks
@@ -30,6 +31,10 @@ def write_report(
     """Write a page that shows `comparisons`, one section each, with an overview if there are several; at least one."""
     if not comparisons:
         raise ValueError("comparisons must hold at least one, because a page needs something to show; got none")
+    viewers = []
+    for c in comparisons:
+        images = {f"{rule}, {max(spp for _, spp in c.runs)} spp": of["RGB"] for rule, of in _largest(c).items()}
+        viewers.append(viewer_data(c.scene, images, c.reference.mean))
     page = filled(
         "report.html",
         title=title,
@@ -38,7 +43,7 @@ def write_report(
         share_colours=palette_colours("RdBu", 9),
         alarm_limit=f"{ALARM_LIMIT:g}",
         version=__version__,
-        data=comparer_data([_viewer_data(c) for c in comparisons]),
+        data=comparer_data(viewers),
     )
     write_page(path, page)
 
@@ -61,16 +66,10 @@ def _section(c: Comparison) -> dict[str, Any]:
     }
 
 
-def _largest(c: Comparison) -> dict[str, Any]:
+def _largest(c: Comparison) -> dict[str, Mapping[str, Array]]:
     """Return the layers of the images of the largest budget by rule."""
     largest = max(spp for _, spp in c.runs)
     return {rule: c.pictures[rule, spp] for rule, spp in c.runs if spp == largest and (rule, spp) in c.pictures}
-
-
-def _viewer_data(c: Comparison) -> dict[str, object]:
-    """Return the data of the image comparer: the reference, and the images of the largest budget."""
-    spp = max(spp for _, spp in c.runs)
-    return viewer_data(c.scene, {f"{rule}, {spp} spp": of["RGB"] for rule, of in _largest(c).items()}, c.reference.mean)
 
 
 def share_maps(c: Comparison) -> list[tuple[str, str, str]]:

@@ -7,21 +7,19 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 
 from dmis import plot
 from dmis.base.vectors import Array
 from dmis.experiment.convergence import MEASURES, Axis, Measure, line
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.runs import Budget, Run
+from dmis.experiment.table import Comparison
 from dmis.report.comparer import png
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from dmis.experiment.table import Comparison
 
 RULE_COLOURS = (
     "#808080", "#d55e00", "#2b8cd6", "#00a17a", "#c565b0", "#d9a200", "#8a6fd1", "#b0413e", "#4fb3bf", "#7d8f1f",
@@ -91,8 +89,6 @@ def convergence(comparison: Comparison, path: Path) -> None:
 
 def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> str:
     """Return `error_lines` as an SVG element with the page's colour and fonts."""
-    import matplotlib
-
     inked = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
     label = f"Root of {MEASURES[measure]} over {AXIS_LABELS[over]}, {comparison.scene}"
     style: dict[str, Any] = {
@@ -119,8 +115,6 @@ def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> s
 
 def map_png(values: Array, palette: str, low: float, high: float) -> str:
     """Return a map ``(H, W)`` in the colours of matplotlib's `palette` as a PNG in a data URI; NaN is grey."""
-    import matplotlib
-
     colours = matplotlib.colormaps[palette].with_extremes(bad="#808080")
     shares = np.ma.masked_invalid((np.asarray(values, np.float64) - low) / (high - low))
     return png(colours(shares, bytes=True)[..., :3])

@@ -289,7 +289,7 @@ def test_interrupt_of_compare_says_what_is_kept(scene, tmp_path, monkeypatch, ca
         ("summary", ["--reference", str(tmp_path / "r.npy")], f"finished renders are kept in {tmp_path}/out. Run"),
     ):
         with monkeypatch.context() as stopped, pytest.MonkeyPatch.context() as quiet:
-            stopped.setattr(f"dmis.cli.comparing.{place}", stop)
+            stopped.setattr(f"dmis.cli.reports.{place}", stop)
             quiet.setattr("warnings.warn", lambda *_, **__: None)
             words = [word for word in command if word != "--quiet"] if place == "summary" else command
             assert main([*words, *more]) == 130
