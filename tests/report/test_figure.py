@@ -73,11 +73,7 @@ def test_crops_are_where_rules_differ() -> None:
     for x0, y0, x1, y1 in (first, second):
         assert 0 <= y0 < y1 <= 60 and 0 <= x0 < x1 <= 90 and (y1 - y0, x1 - x0) == (10, 15)
     np.testing.assert_allclose([first[:2], second[:2]], [(10, 40), (70, 20)], atol=2)
-
-
-def test_small_images_have_crops_that_do_not_touch() -> None:
-    windows = figure.automatic_crops([np.ones((9, 9)), np.zeros((9, 9))])
-    assert windows == [(0, 0, 8, 8)]
+    assert figure.automatic_crops([np.ones((9, 9)), np.zeros((9, 9))]) == [(0, 0, 8, 8)]  # they do not touch
 
 
 def texts_of(drawn: Figure) -> list[Text]:
@@ -118,12 +114,6 @@ def test_words_are_whole_and_lie_beside_each_other(made: tuple[Comparison, Path]
     assert wide < drawn.axes[2].get_window_extent().x0 - drawn.axes[1].get_window_extent().x0
 
 
-def test_rules_of_plugins_need_no_plugin(made: tuple[Comparison, Path], tmp_path: Path, monkeypatch) -> None:
-    """Nothing is rendered."""
-    monkeypatch.delitem(RULES, "pbrt")
-    assert main(["figure", str(made[1]), "-o", str(tmp_path / "f.png"), "--rules", "balance,pbrt"]) == 0
-
-
 def test_texts_have_the_numbers_of_the_table(made: tuple[Comparison, Path]) -> None:
     comparison, _ = made
     gain = next(g for g in gains(comparison.runs) if (g.rule, g.spp) == ("pbrt", 16))
@@ -150,8 +140,11 @@ def test_tables_are_bold_where_the_interval_allows(made: tuple[Comparison, Path]
     assert low == pytest.approx(rows[1].relmse.over_balance.low, rel=1e-4)
 
 
-def test_figure_command(made: tuple[Comparison, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One command makes a picture, a page or a table, as the extension says; what cannot be drawn is named."""
+def test_figure_command(made: tuple[Comparison, Path], tmp_path: Path, monkeypatch, capsys) -> None:
+    """One command makes a picture, a page or a table, as the extension says; what cannot be drawn is named. Rules of
+    plugins need no plugin, since nothing is rendered.
+    """
+    monkeypatch.delitem(RULES, "pbrt")
     folder = str(made[1])
     begins = {
         "f.pdf": "%PDF", "f.html": "<!doctype", "f.svg": "<?xml", "f.tex": "% needs", "f.md": "| spp", "f.csv": "spp,"

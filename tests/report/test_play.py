@@ -1,6 +1,5 @@
 """The page to paint weights on: its maps by brute force, its numbers in Node and Chromium against Python's."""
 
-import contextlib
 import itertools
 import json
 import re
@@ -262,23 +261,6 @@ def test_browser_page_fits(tab) -> None:
         assert tab.evaluate("() => document.documentElement.scrollWidth") <= width
         box = tab.locator("#stage").bounding_box()
         assert box["y"] + box["height"] <= height and tab.locator("#score").bounding_box()["y"] < box["y"]
-
-
-@pytest.mark.parametrize(
-    "options, message",
-    [
-        ("--resolution 2000x1500", "at most 3 MB; got 63.1 MB for 2000x1500 pixels in patches of 4. Take a lower"),
-        ("--patch 6", "patch must be a multiple of 4"),
-        ("--spp 6", "must be a multiple of 4, and at least 8"),
-        ("-o play.png", "a page must end in .html; got 'play.png'"),
-        ("-o missing/play.html", "missing"),
-    ],
-)
-def test_what_cannot_be_played(tmp_path: Path, monkeypatch, capsys, options: str, message: str) -> None:
-    monkeypatch.chdir(tmp_path)
-    with contextlib.suppress(SystemExit):  # of argparse
-        assert main(["play", "teapot-area-light", "-o", "play.html", "--spp", "8", *options.split()]) == 2
-    assert message in capsys.readouterr().err and not Path("play.html").exists()
 
 
 def test_command_writes_the_page(tmp_path: Path, monkeypatch, capsys) -> None:
