@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # nothing reads standard output any more, as behind ``| head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes what is left at exit
         return 141  # as the shell has it for a command that SIGPIPE ends
-    except (ValueError, OSError, MemoryError) as error:
+    except (ValueError, OSError, MemoryError, ImportError) as error:
         reason = f"there is not enough memory: {error}" if isinstance(error, MemoryError) else error
         say(f"dmis: error: {reason}", error=True)
         return 2
@@ -50,22 +50,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
     """Return what an interrupted command has saved, and the command that resumes it."""
-    again, command = "Run the same command to resume.", options.command
-    if command == "render":
-        words = ["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)]
-        if options.checkpoint is not None:
-            return f"; finished tiles are kept in {options.checkpoint}. {again}\n  {shlex.join(words)}"
-        words += ["--checkpoint", str(Path(options.output).with_suffix(".checkpoint"))]
-        return f"; nothing is kept. With --checkpoint finished tiles are kept:\n  {shlex.join(words)}"
-    if command not in ("compare", "play"):
+    if options.command not in ("render", "compare", "play"):
         return ""
-    if command == "compare" and any(options.output.glob("**/results.csv")):
-        return f"; finished renders are kept in {options.output}. {again}"
-    if command == "compare" and options.reference is not None:
-        return "; nothing is kept, because no render was finished"
-    from dmis.experiment.reference import cache_folder
+    if options.command != "render":
+        from dmis.experiment.reference import cache_folder
 
-    return f"; finished tiles are kept in {cache_folder()}. {again}"
+        renders = f"finished renders are kept in {options.output}, " if options.command == "compare" else ""
+        return (
+            f"; {renders}finished tiles of references and oracles in {cache_folder()}. Run the same command to resume."
+        )
+    command = shlex.join(["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)])
+    if options.checkpoint is not None:
+        return f"; finished tiles are kept in {options.checkpoint}. Run the same command to resume.\n  {command}"
+    folder = shlex.quote(str(Path(options.output).with_suffix(".checkpoint")))
+    return f"; nothing is kept. With --checkpoint finished tiles are kept:\n  {command} --checkpoint {folder}"
 
 
 if __name__ == "__main__":
