@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import inspect
 import sys
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+import dmis
 from dmis.base.atomic_files import check_writable
 from dmis.base.text import printable
 from dmis.base.validate import did_you_mean
-from dmis.brdf import materials, metallic_roughness, models
 from dmis.brdf.materials import Material
 from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
@@ -74,14 +73,12 @@ def progress_bar(quiet: bool) -> AbstractContextManager[Progress | None]:
     return reporting(not quiet and sys.stderr.isatty() and find_spec("tqdm") is not None)
 
 
-_MAKERS = (
-    materials.matte, materials.plastic, materials.metal, materials.shiny_metal, materials.substrate, materials.uber,
-    materials.mirror, materials.glass, metallic_roughness.metallic_roughness, models.phong, models.blinn_phong,
-    models.ward, models.ashikhmin_shirley, models.cook_torrance, models.ggx, models.rough_glass, models.coated_diffuse,
-    models.coated_conductor,
+MATERIALS = (
+    "matte", "plastic", "metal", "shiny_metal", "substrate", "uber", "mirror", "glass", "metallic_roughness", "phong",
+    "blinn_phong", "ward", "ashikhmin_shirley", "cook_torrance", "ggx", "rough_glass", "coated_diffuse",
+    "coated_conductor",
 )  # fmt: skip
-MATERIALS: dict[str, Callable[..., Material]] = {make.__name__: make for make in _MAKERS}
-"""Materials by the names of their functions."""
+"""Public functions of dmis that return a material."""
 
 
 def read_sky(text: str, up: tuple[float, float, float]) -> EnvironmentLight:
@@ -109,7 +106,8 @@ def read_material(text: str) -> Material:
             f"--material must be one of {', '.join(MATERIALS)}, with parameters after a colon; got "
             f"{name!r}{did_you_mean(name, MATERIALS)}"
         )
-    parameters = inspect.signature(MATERIALS[name]).parameters
+    make = getattr(dmis, name)  # imported now
+    parameters = inspect.signature(make).parameters
     given: dict[str, Any] = {}
     for part in rest.split(",") if rest else []:
         key, is_given, value = (piece.strip() for piece in part.partition("="))
@@ -119,7 +117,8 @@ def read_material(text: str) -> Material:
             )
         values = _numbers(value)
         given[key] = value if values is None else values[0] if len(values) == 1 else values
-    return MATERIALS[name](**given)
+    material: Material = make(**given)
+    return material
 
 
 def _numbers(text: str) -> tuple[float, ...] | None:
