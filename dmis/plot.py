@@ -33,14 +33,8 @@ except ImportError as missing:
 def canvas(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
     """Return a figure of `width` x `height` inches and its axes ``(rows, columns)``, to be written to a file.
 
-    The figure has its own Agg canvas and does not belong to ``pyplot``: the backend of the process, its open figures
-    and its settings stay as they are, and the figure is freed with its last reference. A notebook that has imported
-    ``pyplot`` shows it by ``display(figure)``.
-
-    Parameters
-    ----------
-    options
-        Those of ``matplotlib.figure.Figure.subplots``.
+    It has its own Agg canvas and does not belong to ``pyplot``, whose backend, figures and settings stay as they are. A
+    notebook that has imported ``pyplot`` shows it by ``display(figure)``. `options` are those of ``Figure.subplots``.
     """
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
@@ -55,7 +49,7 @@ def picture(axis: Axes, image: Array, title: str = "", window: Window | None = N
 
 
 def heat(axis: Axes, values: Array, title: str = "", window: Window | None = None, **options: Any) -> Any:
-    """Draw a map ``(H, W)`` of one value per pixel, or of one per patch if `window` gives the pixels that it covers.
+    """Draw a map ``(H, W)`` of one value per pixel, or per patch if `window` gives the pixels that it covers.
 
     Returns the mappable for `Figure.colorbar`; `options` are those of ``Axes.imshow``.
     """
