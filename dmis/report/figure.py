@@ -210,7 +210,7 @@ def _write_texts(shown: Sequence[Contestant], top: Sequence[Axes], bottom: Seque
         texts.append(axis.set_xlabel("\n".join(lines), labelpad=2, **style))
     widest = max(text.get_window_extent().width for text in texts) / top[0].figure.dpi
     for text in texts:
-        text.set_fontsize(POINTS * min(1, (crop + GAP / 2) / widest))
+        text.set_fontsize(POINTS * min(1, crop / widest))
 
 
 def write_figure(
