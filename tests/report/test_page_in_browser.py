@@ -159,7 +159,7 @@ def test_browser_saves_tables_and_plots(opened, made, tmp_path):
     with open(made[1] / "results.csv", newline="", encoding="utf-8") as file:
         assert sorted(rows) == sorted(csv.reader(file))
     with opened.expect_download() as download:
-        opened.get_by_role("button", name="save Root of relMSE over seconds, box as SVG").click()
+        opened.get_by_role("button", name="save Root of relMSE over CPU seconds, box as SVG").click()
     download.value.save_as(tmp_path / "plot.svg")
     root = ElementTree.parse(tmp_path / "plot.svg").getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg" and float(root.get("width")) > 300
