@@ -21,8 +21,10 @@ from dmis.base.window import Window, window_area
 from dmis.image import tonemap
 
 try:
+    from matplotlib import colormaps
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import to_hex
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
@@ -81,6 +83,11 @@ def mark(axis: Axes, window: Window, colour: str, width: float = 2, gap: int = 0
 def shared_scale(maps: Sequence[Array], quantile: float = 0.995) -> float:
     """Return the `quantile` of the values of several maps: an upper end for their colours that ignores outliers."""
     return float(np.quantile(np.concatenate([np.ravel(m) for m in maps]), quantile))
+
+
+def palette(name: str, count: int = 256) -> list[str]:
+    """Return colours of matplotlib's palette of a name from one end to the other, ``#rrggbb``."""
+    return [to_hex(colour) for colour in colormaps[name](np.linspace(0, 1, count))]
 
 
 def save(figure: Figure, path: str | os.PathLike[str], title: str, caption: str) -> None:

@@ -132,18 +132,11 @@ def linear_png(image: Array) -> str:
     return png(np.concatenate([bits >> 8, bits & 255]).astype(np.uint8))
 
 
-def palette_colours(palette: str, count: int = 256) -> list[str]:
-    """Return colours of matplotlib's `palette` from one end to the other, ``#rrggbb``."""
-    try:
-        import matplotlib
-        from matplotlib.colors import to_hex
-    except ImportError as missing:
-        raise ImportError("the colours of errors need matplotlib: pip install 'dmis[plot]'") from missing
-
-    return [to_hex(colour) for colour in matplotlib.colormaps[palette](np.linspace(0, 1, count))]
-
-
 def comparer_data(scenes: Sequence[Mapping[str, object]]) -> dict[str, object]:
     """Return what the script of a page with comparers reads: `viewer_data` of each, and the colours of errors."""
-    errors = any(scene["reference"] for scene in scenes)
-    return {"scenes": scenes, "palette": palette_colours("magma") if errors else []}
+    colours: list[str] = []
+    if any(scene["reference"] for scene in scenes):
+        from dmis import plot  # imported where used: it brings matplotlib
+
+        colours = plot.palette("magma")
+    return {"scenes": scenes, "palette": colours}

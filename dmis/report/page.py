@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from dmis import __version__
+from dmis import __version__, plot
 from dmis.base.vectors import Array
 from dmis.experiment.alarm import ALARM_LIMIT
 from dmis.experiment.convergence import gains
 from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import Comparison
-from dmis.report.comparer import comparer_data, palette_colours, viewer_data
-from dmis.report.plots import error_svg, map_png
+from dmis.report.comparer import comparer_data, viewer_data
+from dmis.report.plots import LINES, error_svg, map_png
 from dmis.report.tables import overview, report_tables, winners
 from dmis.report.templates import filled, write_page
 from dmis.variance.curves import HALF
@@ -40,7 +40,7 @@ def write_report(
         title=title,
         sections=[_section(c) for c in comparisons],
         overview=overview(comparisons),
-        share_colours=palette_colours("RdBu", 9),
+        share_colours=plot.palette("RdBu", 9),
         alarm_limit=f"{ALARM_LIMIT:g}",
         version=__version__,
         data=comparer_data(viewers),
@@ -52,7 +52,6 @@ def _section(c: Comparison) -> dict[str, Any]:
     """Return what the template needs of a comparison."""
     rows = gains(c.runs)
     last = [g for g in rows if g.spp == max(g.spp for g in rows) and g.rule != PINNED]
-    plots = error_svg(c, "seconds", "relmse"), error_svg(c, "seconds"), error_svg(c, "rays")
     return {
         "comparison": c,
         "shape": c.reference.first.shape[:2],
@@ -60,7 +59,7 @@ def _section(c: Comparison) -> dict[str, Any]:
         "balance": next(g for g in last if g.rule == "balance"),
         "winners": winners(c, last),
         "rivals": len(last) - 1,
-        "plots": plots,
+        "plots": [error_svg(c, over, measure) for over, measure in LINES],
         "tables": report_tables(c, rows),
         "maps": share_maps(c),
     }

@@ -29,6 +29,8 @@ RULE_MARKS = "os^DvPX"
 """Markers of rules: with ten colours and seven markers, 70 rules differ in one of the two."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
+LINES: tuple[tuple[Axis, Measure], ...] = (("seconds", "relmse"), ("seconds", "mse"), ("rays", "mse"))
+"""Axis and measure of each plot of a comparison."""
 AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "CPU seconds"}
 
 
@@ -77,8 +79,7 @@ def error_lines(
 def convergence(comparison: Comparison, path: Path) -> None:
     """Write the plot of errors over seconds by both measures, and over rays, with its caption, as a PNG file."""
     figure, axes = plot.canvas(1, 3, 17, 5)
-    lines: tuple[tuple[Axis, Measure], ...] = (("seconds", "relmse"), ("seconds", "mse"), ("rays", "mse"))
-    for axis, (over, measure) in zip(axes[0], lines, strict=True):
+    for axis, (over, measure) in zip(axes[0], LINES, strict=True):
         error_lines(axis, comparison.runs, over, comparison.oracle, measure=measure)
     axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of all
     caption = f"""Root of relMSE and of MSE against the reference, mean over {comparison.seeds} seed(s); bands go from

@@ -23,7 +23,7 @@ from dmis import plot
 from dmis.experiment.convergence import gains, ratio_text
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
-from dmis.report.comparer import linear_png, palette_colours
+from dmis.report.comparer import linear_png
 from dmis.report.page import write_report
 from dmis.report.plots import INK, convergence, error_lines, map_png
 from dmis.report.tables import paper_table, report_tables, summary
@@ -203,7 +203,7 @@ def test_linear_png_keeps_all_half_floats():
 def test_map_colours():
     """The ends of the palette at the ends of the range, grey where there is no value."""
     pixels = decoded(map_png(np.array([[0.0, 1.0, np.nan, 2.0]]), "magma", 0, 1))
-    low, high = (tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in palette_colours("magma", 2))
+    low, high = (tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in plot.palette("magma", 2))
     np.testing.assert_allclose(pixels[0], [low, high, (128, 128, 128), high], atol=1)  # of rounding
 
 

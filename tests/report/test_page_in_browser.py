@@ -13,8 +13,8 @@ from helpers import offline_tab
 from PIL import Image
 
 import dmis
+from dmis import plot
 from dmis.experiment.runs import PINNED
-from dmis.report.comparer import palette_colours
 
 ALL = ["balance", "pbrt", "thesis:patch=4", "second-moment", PINNED]
 
@@ -77,7 +77,7 @@ def test_browser_shows_errors(opened, made):
     found = pixels(opened)
     image, truth = comparison.pictures["balance", 16]["RGB"], comparison.reference.mean
     error = np.sqrt(((image - truth) ** 2).mean(axis=2))
-    colours = np.array([[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in palette_colours("magma")])
+    colours = np.array([[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in plot.palette("magma")])
     share = np.minimum(1, error / np.quantile(error, 0.98))
     # half floats move an error by at most a few of the 256 steps
     np.testing.assert_allclose(found, colours[(share * 255).astype(int)], atol=12)
