@@ -124,20 +124,14 @@ SCENE = {
     "--dialect": _option("version of a pbrt file (default: recognised from the file)", choices=("v2", "v3", "v4")),
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
     "--up": _option("axis of a model that points up (default: y; PLY and STL: z)", choices=("y", "z")),
-    "--camera": _option(
-        "camera in a model's file, by name or number from 0 on (default: the first, or a camera that sees all)",
-        group="view", metavar="NAME",
-    ),
+    "--camera": _option("camera of a model, by name or number from 0 (default: first)", group="view", metavar="NAME"),
     "--look-at": _option(
         "position of the camera for a model, and the point in the middle of the image", float, group="view",
         nargs=6, metavar=("X", "Y", "Z", "X", "Y", "Z"),
     ),
     "--fov": _option("field of view across the shorter side of the image, in degrees", float, metavar="F"),
     "--light": _option("sky that replaces a model's lights except surfaces: an image file or 'R G B'", metavar="SKY"),
-    "--material": _option(
-        "material that replaces all materials of a model, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'",
-        metavar="M",
-    ),
+    "--material": _option("replaces all materials of a model: 'matte:kd=0.9 0.6 0.2' (docs/models.md)", metavar="M"),
 }  # fmt: skip
 METRIC = _option("error that is shown: relmse (default), mse or flip", str, "relmse", metavar="M")
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless given here")}
@@ -156,9 +150,7 @@ COMMANDS: Mapping[str, Command] = {
         **SCENE,
         OUTPUT: _option("image with layers; or OUT.png for a preview alone", required=True, metavar="OUT.exr"),
         "--png": _option("also write a preview image", metavar="OUT.png"),
-        "--exposure": _option(
-            "brightness factor of the preview (default 1; automatic for a model with lights)", POSITIVE, metavar="X"
-        ),
+        "--exposure": _option("factor of the preview (default 1; automatic for lit models)", POSITIVE, metavar="X"),
         "--crop": _option("window of the image in pixels, x1 and y1 excluded", CROP, metavar="x0,y0,x1,y1"),
         "--layers": _option("more layers, such as albedo,normal,direct,light:0 (docs/cli.md)", metavar="NAME,NAME,..."),
         "--spp": _option("camera samples per pixel, pilot included (default 128); maximum for --noise, --seconds", int),
@@ -179,9 +171,7 @@ COMMANDS: Mapping[str, Command] = {
     "compare": Command("reports", "compare rules on one scene or several: error, time, rays", {
         **SCENE,
         "scene": _option("one scene, or several with a folder for each in DIR", nargs="+", metavar="SCENE"),
-        OUTPUT: _option(
-            "output directory; an existing comparison in it is resumed", Path, required=True, metavar="DIR"
-        ),
+        OUTPUT: _option("output directory; a comparison in it is resumed", Path, required=True, metavar="DIR"),
         "--rules": _option("rules separated by commas, or all (default %(default)s)", str, "balance,thesis,auto"),
         "--spp": _option("budgets of camera samples per pixel (default 128)", SPP_LIST, metavar="N,N,..."),
         "--seeds": _option("number of seeds, from --seed on (default 5)", _number(1, 10_000), 5, metavar="K"),
@@ -199,13 +189,13 @@ COMMANDS: Mapping[str, Command] = {
     "figure": Command("reports", "draw a figure or a table of a comparison for a paper", {
         "folder": _option("folder of a comparison, written by compare", Path, metavar="DIR"),
         OUTPUT: _option(
-            "figure: .pdf, .png, .svg, or an .html page with linked zoom; or table: .tex, .md, .csv", Path,
-            required=True, metavar="FILE",
+            "figure: .pdf, .png, .svg, or .html with linked zoom; table: .tex, .md, .csv", Path, required=True,
+            metavar="FILE",
         ),
         "--rules": _option("rules separated by commas (default: all)", str, "", metavar="A,B,..."),
         "--crops": _option(
-            "windows in pixels, of one size (default: two, where the rules differ most)", CROP, (),
-            nargs="+", metavar="x0,y0,x1,y1",
+            "windows in pixels, of one size (default: two, where the rules differ most)", CROP, (), nargs="+",
+            metavar="x0,y0,x1,y1",
         ),
         "--metric": METRIC,
         "--exposure": _option("factor of the images (default 1)", POSITIVE, 1.0, metavar="X"),
@@ -245,9 +235,7 @@ COMMANDS: Mapping[str, Command] = {
     }),
     "bench-rules": Command("bench_rules", "score weight rules on MIS-Bench, without rendering", {
         "rules": _option("Python files or names of rules (default: those of the page)", nargs="*", metavar="RULE"),
-        "--scenes": _option(
-            "scenes or data files separated by commas, such as small,kitchen.npz (default: all eight)", str, ""
-        ),
+        "--scenes": _option("scenes or data files: small,kitchen.npz (default: all eight)", str, "", metavar="A,B,..."),
         "--render": _flag("also render the learned shares with Sobol points, and print errors over balance"),
         "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(1, 100), 4, metavar="K"),
         "--format": _option("of the tables: text (default), markdown, latex or json", str, "text"),
