@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dmis import plot
 from dmis.base.atomic_files import replacing
@@ -54,16 +55,9 @@ class Contestant:
 
 
 def contestants(comparison: Comparison, rules: Sequence[str] = (), metric: str = "relmse") -> list[Contestant]:
-    """Return the rules of a figure in their order, at the largest budget of a comparison.
+    """Return `rules` in their order (`dmis.report.tables.chosen_gains`) at the largest budget of a comparison.
 
-    Parameters
-    ----------
-    comparison
-        See `dmis.experiment.table.read_comparison`.
-    rules
-        See `dmis.report.tables.chosen_gains`.
-    metric
-        What is written below each: one of `METRICS`.
+    The error that is written below each is by `metric`, one of `METRICS`.
     """
     spp = max(n for _, n in comparison.runs)
     by_rule = {g.rule: g for g in chosen_gains(comparison, rules, spp)}
@@ -80,8 +74,9 @@ def error_map(image: Array, reference: Reference | Array, metric: str = "relmse"
 
     By MSE and relMSE single values may be below 0, because the halves of a reference have noise of their own.
     """
-    errors = {"relmse": relative_error, "mse": squared_error, "flip": flip}
-    return errors[one_of("metric", metric, errors)](image, reference)
+    errors: dict[str, Any] = {"relmse": relative_error, "mse": squared_error, "flip": flip}
+    values: Array = errors[one_of("metric", metric, errors)](image, reference)
+    return values
 
 
 def _lines(gain: Gain, metric: str, errors: Array) -> tuple[str, ...]:
@@ -98,14 +93,9 @@ def _lines(gain: Gain, metric: str, errors: Array) -> tuple[str, ...]:
 def automatic_crops(maps: Sequence[Array], number: int = 2) -> list[Window]:
     """Return the windows in which the rules' errors ``(H, W)`` differ most, and which do not touch.
 
-    Of each window the root of its mean error by each rule is taken, without the 0.1 % of the pixels of largest error.
-
-    Parameters
-    ----------
-    maps
-        Errors of each rule; of a single one the windows have its largest errors.
-    number
-        Of windows, each of a sixth of the image's sides and at least 8 pixels. A small image may have fewer.
+    Of each window the root of its mean error by each rule is taken, without the 0.1 % of the pixels of largest error;
+    of a single rule the windows have its largest errors. Each has a sixth of the image's sides, and at least 8 pixels:
+    a small image may have less than `number` of them.
     """
     from scipy.ndimage import uniform_filter  # imported where used: it takes a quarter of a second
 
@@ -155,9 +145,9 @@ def draw(
     x0, y0, x1, y1 = windows[0]
     aspect, ratio = truth.shape[1] / truth.shape[0], (y1 - y0) / (x1 - x0)
     columns, rows = len(shown) + 1, len(windows) * (1 + errors)
-    grid = [[f"{row} {k}" for k in range(columns)] for row in range(rows)]
-    for row in grid[1::2] if errors else ():
-        row[-1] = "."  # the reference has no errors
+    grid: list[Any] = [[f"{row} {k}" for k in range(columns)] for row in range(rows)]
+    for names in grid[1::2] if errors else ():
+        names[-1] = "."  # no panel: the reference has no errors
     crop, high = width / columns - GAP, rows * ratio  # width of a crop, and height of the panels over it
     if width >= NARROW:  # the whole image is as high as all rows of crops
         crop = (width - (columns + 1) * GAP - (rows - 1) * GAP * aspect) / (columns + high * aspect)
@@ -167,9 +157,9 @@ def draw(
         whole = (width - GAP) / aspect
         grid, sides = [["whole"] * columns, *grid], {"height_ratios": [whole, *[crop * ratio] * rows]}
         high += whole / crop
-    figure = Figure(figsize=(width, high * crop + 2), layout="constrained")
+    layout = ConstrainedLayoutEngine(w_pad=GAP / 2, h_pad=GAP / 2, wspace=0, hspace=0)
+    figure = Figure(figsize=(width, high * crop + 2), layout=layout)
     FigureCanvasAgg(figure)
-    figure.get_layout_engine().set(w_pad=GAP / 2, h_pad=GAP / 2, wspace=0, hspace=0)  # type: ignore[union-attr]
     axes = figure.subplot_mosaic(grid, gridspec_kw=sides)
     roots = [np.sqrt(np.maximum(of.errors, 0)) for of in shown]
     scale = plot.shared_scale(roots) or 1.0
@@ -202,7 +192,7 @@ def _write_texts(shown: Sequence[Contestant], top: Sequence[Axes], bottom: Seque
     Words stay whole: the text is smaller if one is wider than a `crop`, in inches.
     """
     wrap = partial(textwrap.wrap, width=int(crop / LETTER), break_long_words=False)
-    style = {"fontsize": POINTS, "parse_math": False}
+    style: dict[str, Any] = {"fontsize": POINTS, "parse_math": False}
     names = [*(wrap(re.sub("([:,])", r"\1 ", of.rule)) for of in shown), ["reference"]]
     texts = [axis.set_title("\n".join(name), pad=2, **style) for axis, name in zip(top, names, strict=True)]
     for axis, of in zip(bottom, shown, strict=True):
@@ -221,18 +211,10 @@ def write_figure(
     metric: str = "relmse",
     **options: Any,
 ) -> list[Window]:
-    """Write a figure as an image, or as a page with linked zoom (.html), and return its windows.
+    """Write a figure as pdf, png, svg, or html, which is the image comparer of reports, and return its windows.
 
-    Parameters
-    ----------
-    path
-        Its extension tells the format: pdf, png, svg, or html, which is the image comparer of reports.
-    rules, metric
-        See `contestants`.
-    crops
-        Windows of one size, at most four; none: `automatic_crops`.
-    options
-        See `draw`.
+    `rules` and `metric` are those of `contestants`, `options` of `draw`; `crops` are at most four windows of one size, or
+    `automatic_crops`.
     """
     shown = contestants(comparison, rules, metric)
     maps = [of.errors for of in shown]
