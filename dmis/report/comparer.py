@@ -76,46 +76,46 @@ def show(
             f"images must be a dict of labels and at least one image; got {type(images).__name__}. "
             'Write dmis.show({"balance": image}).'
         )
-    pictures = {str(label): _linear(str(label), image) for label, image in images.items()}
-    truth = None
-    if reference is not None:
-        truth = _linear("reference", reference.mean if isinstance(reference, Reference) else reference)
-        if "reference" in pictures:
-            raise ValueError("label 'reference' is reserved for the reference; an image has it, too. Rename the image.")
-    shapes = {label: image.shape[:2] for label, image in {"reference": truth, **pictures}.items() if image is not None}
-    if len(set(shapes.values())) > 1:
-        given = ", ".join(f"{label} {width}×{height}" for label, (height, width) in shapes.items())
+    first = {} if reference is None else {"reference": reference}
+    if first and "reference" in images:
+        raise ValueError("label 'reference' is reserved for the reference; an image has it, too. Rename the image.")
+    pictures = {str(label): _linear(str(label), image) for label, image in {**first, **images}.items()}
+    if len({image.shape for image in pictures.values()}) > 1:
+        given = ", ".join(f"{label} {image.shape[1]}×{image.shape[0]}" for label, image in pictures.items())
         raise ValueError(f"images must have one size, got {given}. Render them at one resolution.")
-    data = comparer_data([viewer_data(title, pictures, truth)])
+    data = comparer_data([viewer_data(title, pictures, bool(first))])
     return Comparer(filled("show.html", title=title, data=data))
 
 
-def _linear(label: str, image: Array | Result) -> Array:
+def _linear(label: str, image: Array | Result | Reference) -> Array:
     """Return an image as linear RGB ``(H, W, 3)``."""
-    pixels = np.asarray(image.image if isinstance(image, Result) else image)
+    given = image.image if isinstance(image, Result) else image.mean if isinstance(image, Reference) else image
+    pixels = np.asarray(given)
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[..., None], 3, axis=2)
     if pixels.dtype.kind not in "fiub" or pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
-        given = f"{type(image).__name__} of shape {pixels.shape}"
-        raise ValueError(f"image {label!r} must be numbers (H, W, 3) or (H, W), or a dmis.Result; got {given}")
+        got = f"{type(image).__name__} of shape {pixels.shape}"
+        raise ValueError(f"image {label!r} must be numbers (H, W, 3) or (H, W), or a dmis.Result; got {got}")
     return pixels.astype(np.float32)
 
 
-def viewer_data(scene: str, images: Mapping[str, Array], reference: Array | None) -> dict[str, object]:
-    """Return the data of one comparer: its images, the reference first if there is one, and the scale of errors.
+def viewer_data(scene: str, images: Mapping[str, Array], reference: bool = True) -> dict[str, object]:
+    """Return the data of one comparer: its images, the first a `reference` or not, and the scale of errors.
 
-    Errors have one scale for all images: the largest colour is the 98 % quantile of the first image's errors.
+    Errors have one scale for all images: the largest colour is the 98 % quantile of the second image's errors.
     """
-    scale = 1.0
-    if reference is not None:
-        for image in list(images.values())[:1]:
-            errors = np.sqrt(((image - reference) ** 2).mean(axis=2))  # as the script computes them
-            scale = float(np.nan_to_num(np.quantile(errors, 0.98))) or 1.0
-        images = {"reference": reference, **images}
-    height, width = next(iter(images.values())).shape[:2]
-    entries = [{"label": label, "png": linear_png(image)} for label, image in images.items()]
-    about = {"scene": scene, "width": width, "height": height, "scale": scale, "reference": reference is not None}
-    return {**about, "images": entries}
+    scale, (first, *others) = 1.0, images.values()
+    if reference and others:
+        errors = np.sqrt(((others[0] - first) ** 2).mean(axis=2))  # as the script computes them
+        scale = float(np.nan_to_num(np.quantile(errors, 0.98))) or 1.0
+    return {
+        "scene": scene,
+        "width": first.shape[1],
+        "height": first.shape[0],
+        "scale": scale,
+        "reference": reference,
+        "images": [{"label": label, "png": linear_png(image)} for label, image in images.items()],
+    }
 
 
 def png(pixels: Array) -> str:

@@ -213,8 +213,8 @@ def write_figure(
 ) -> list[Window]:
     """Write a figure as pdf, png, svg, or html, which is the image comparer of reports, and return its windows.
 
-    `rules` and `metric` are those of `contestants`, `options` of `draw`; `crops` are at most four windows of one size, or
-    `automatic_crops`.
+    `rules` and `metric` are those of `contestants`, `options` of `draw`; `crops` are at most four windows of one size,
+    or `automatic_crops`.
     """
     shown = contestants(comparison, rules, metric)
     maps = [of.errors for of in shown]

@@ -34,7 +34,7 @@ def write_report(
     viewers = []
     for c in comparisons:
         images = {f"{rule}, {max(spp for _, spp in c.runs)} spp": of["RGB"] for rule, of in _largest(c).items()}
-        viewers.append(viewer_data(c.scene, images, c.reference.mean))
+        viewers.append(viewer_data(c.scene, {"reference": c.reference.mean, **images}))
     page = filled(
         "report.html",
         title=title,
