@@ -213,8 +213,21 @@ def write_figure(
 ) -> list[Window]:
     """Write a figure as pdf, png, svg, or html, which is the image comparer of reports, and return its windows.
 
-    `rules` and `metric` are those of `contestants`, `options` of `draw`; `crops` are at most four windows of one size,
-    or `automatic_crops`.
+    Parameters
+    ----------
+    path
+        Its extension tells the format.
+    rules, metric
+        See `contestants`.
+    crops
+        Windows of one size, at most four; none: `automatic_crops`.
+    options
+        See `draw`.
+
+    Raises
+    ------
+    ValueError
+        If an argument does not fit the comparison.
     """
     shown = contestants(comparison, rules, metric)
     maps = [of.errors for of in shown]
