@@ -30,8 +30,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = lambda message, *_, **__: say(f"dmis: warning: {message}", error=True)  # type: ignore[assignment]
             for file in options.plugin:
                 load_plugin(file)
-            given = {field.name for field in fields(Settings)} & {*vars(options)}
-            options.settings = make_settings(**{name: getattr(options, name) for name in given})
+            names = [field.name for field in fields(Settings)]
+            options.given = {name: value for name, value in vars(options).items() if name in names}
+            options.settings = make_settings(**options.given)
             module = import_module(f"dmis.cli.{COMMANDS[options.command].module}")  # another's need not be imported
             code: int = getattr(module, options.command.replace("-", "_"))(options)
             sys.stdout.flush()

@@ -52,7 +52,7 @@ def _plan(options: argparse.Namespace, name: str) -> None:
     scene, _ = load(options, name).in_float32
     scene.prepare()
     say(f"\n{describe(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
-    if options.rule or options.settings.explicit:
+    if options.rule or options.given:
         job = resolve(scene, options.rule, None, 0, options.settings)
         decided = (f"  {name}: {value!r}, {job.sources[name]}" for name, value in vars(job.settings).items())
         say(f"settings with rule {job.rule_text}, and who decides each:", *decided, *job.notes.values())

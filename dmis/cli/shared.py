@@ -50,7 +50,7 @@ def load(options: argparse.Namespace, name: str) -> Scene:
 
 def settings_of(options: argparse.Namespace, scene: Scene) -> Settings:
     """Return the settings that were given, with --as-in-file in place of the scene file's."""
-    return Settings.as_in_file(scene, **options.settings.explicit) if options.as_in_file else options.settings
+    return Settings.as_in_file(scene, **options.given) if options.as_in_file else options.settings
 
 
 def describe(scene: Scene) -> str:
