@@ -24,7 +24,7 @@ RULES: Registry[Callable[..., Rule]] = Registry(
         "pbrt": partial(Fixed, 0.5, combiner="power"),
         "one-sample": partial(Fixed, allocation="random"),
         "uniform": partial(Fixed, 1.0, techniques=("uniform", "brdf")),
-        "thesis": Later("dmis.fit.thesis", "Thesis"),
+        "thesis": Later("dmis.fit.thesis_options", "Thesis"),
         "second-moment": Later("dmis.fit.second_moment", "SecondMoment"),
         "counts": Later("dmis.fit.auto", "Auto", (False,)),
         "auto": Later("dmis.fit.auto", "Auto"),

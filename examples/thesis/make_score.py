@@ -40,13 +40,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from common import ROOT, SCENES, options, show
 
 import dmis
-from dmis.base.patches import patch_sum
+from dmis.base.patches import patch_spread, patch_sum
 from dmis.estimator.settings import make_settings
 from dmis.experiment.metrics import squared_error
 from dmis.experiment.reference import cache_folder
 from dmis.filter import gaussian
 from dmis.fit.registry import make_rule
-from dmis.fit.thesis import Thesis
+from dmis.fit.thesis_options import Thesis
 
 BLOCK = 16
 """Side of the blocks of pixels whose errors are taken as independent."""
@@ -105,12 +105,16 @@ class Printed(Thesis):
     """The thesis's rule with Eq. 3.5 as it is printed, clipped, where dmis takes the
     best pilot because the parabola is not convex."""
 
-    def _weights(self, w, y, area):
+    def fit_variances(self, w, s2, patch):
+        """Return the weights of the pixels by the printed formula."""
+        y = super().fit_variances(w, s2, patch).maps["variances"]
         raw = np.clip(
             (3 * y[0] - 4 * y[1] + y[2]) / (4 * (y[0] + y[2] - 2 * y[1])), 0, 1
         )
         raw = np.where(np.isfinite(raw), raw, 0.5)
-        return gaussian(raw, self.sigma, self.size // 2), raw, np.zeros(raw.shape, int)
+        filtered = gaussian(raw, self.sigma, self.size // 2)
+        weight = patch_spread(filtered, patch, s2.shape[1:])
+        return dmis.Fit(weight, {"raw": raw, "filtered": filtered})
 
 
 CHOICES = {

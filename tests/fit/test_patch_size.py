@@ -10,7 +10,8 @@ from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.fit.patch_size import SIZES, choose_patch
 from dmis.fit.round import Pilot
-from dmis.fit.thesis import Thesis, parabola_minimum
+from dmis.fit.thesis import parabola_minimum
+from dmis.fit.thesis_options import Thesis
 from dmis.variance.moments import Moments
 
 W = np.array([0.0, 0.5, 1.0])

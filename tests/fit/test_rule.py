@@ -13,7 +13,7 @@ from dmis.cli.commands import main
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.round import Budget
 from dmis.fit.rule import rule_text
-from dmis.fit.thesis import Thesis
+from dmis.fit.thesis_options import Thesis
 from dmis.report.compare import compare, parse_rules
 from dmis.variance.curves import Curves
 

@@ -9,7 +9,8 @@ from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Pilot
 from dmis.fit.rule import Rule
-from dmis.fit.thesis import STATUS, Thesis, parabola_minimum
+from dmis.fit.thesis import STATUS, parabola_minimum
+from dmis.fit.thesis_options import Thesis
 from dmis.variance.moments import Moments
 
 PILOT = np.array([0.0, 0.5, 1.0])

@@ -15,7 +15,7 @@ from dmis.estimator.patterns import PatternMap
 from dmis.estimator.settings import make_settings
 from dmis.fit.fixed import Fixed
 from dmis.fit.round import Fit, Round
-from dmis.fit.thesis import Thesis
+from dmis.fit.thesis_options import Thesis
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.tile import MAX_SIDE, make_tiles

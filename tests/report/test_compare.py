@@ -10,7 +10,7 @@ from dmis.cli.commands import main
 from dmis.experiment.reference import load_reference
 from dmis.experiment.table import COLUMNS
 from dmis.fit.registry import RULES
-from dmis.fit.thesis import Thesis
+from dmis.fit.thesis_options import Thesis
 from dmis.report.compare import parse_rules
 
 SIZE = ["--resolution", "24x18", "--reference-spp", "16"]

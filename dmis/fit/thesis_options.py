@@ -1,0 +1,94 @@
+"""The rule ``thesis`` by name: `dmis.fit.thesis.ThesisRule` with options for what the thesis leaves open.
+
+With the defaults the rule has the steps of `dmis.fit.thesis` and no others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dmis.base.validate import one_of, positive, whole
+from dmis.base.vectors import Array
+from dmis.filter import check_taps
+from dmis.fit.round import Fit
+from dmis.fit.thesis import ThesisRule, parabola_minimum
+
+
+@dataclass(frozen=True)
+class Thesis(ThesisRule):
+    """Choose weights by a parabola through three pilot variances per patch: Seo's thesis (2014), Sec. 3.
+
+    Parameters
+    ----------
+    patch
+        Side of a patch in pixels (the thesis tries 4 to 32); ``auto``: the one of 4, 8, 16 and 32 for which the pilot
+        predicts the least variance, see `dmis.fit.patch_size`.
+    spp
+        Pilot samples at each of the three weights, at least 2 (the thesis: 2 or 4).
+    channels
+        Variance that is fitted: of ``luminance``, or ``rgb``, the mean of the three.
+    filter, size, sigma
+        ``gaussian`` or ``none``; taps on a side, odd, and standard deviation of the Gaussian, in patches.
+    no_signal, ragged
+        What the Gaussian does with patches without a signal: ``half``, they enter it as w = 1/2, or ``skip``, it leaves
+        them out; and with patches that the border cuts: ``equal``, they count as the others do, or ``area``, by their
+        pixels. By the defaults all patches count the same, as in the thesis.
+    reuse
+        Whether the pilot's samples are part of the image. None: as the settings say, and no by default.
+    combiner, sampler
+        Of the final samples. None: as the settings say.
+    weigh
+        What w is: the share that the ``heuristic`` uses, with as many light as BRDF samples at every vertex
+        (docs/theory.md, Eq. 8a), or the share of light ``samples``. Empty: the first, unless the preset is
+        ``thesis-shares`` or the combiner is not ``balance``.
+
+    Notes
+    -----
+    The maps of its `Fit` are ``status`` (see `dmis.fit.thesis.STATUS`), ``raw`` and ``filtered``, the weights before
+    and after the filter, and ``variances``, those of the pilot, ``(3, rows, columns)``; with ``patch=auto`` also
+    ``sizes``, the sizes and their predicted variances, ``(2, 4)``.
+    """
+
+    patch: int | Literal["auto"] = 16  # type: ignore[assignment]
+    channels: str = "luminance"
+    filter: str = "gaussian"
+    no_signal: str = "half"
+    ragged: str = "equal"
+    reuse: bool | None = None
+    combiner: str | None = None
+    sampler: str | None = None
+    weigh: str = ""
+
+    def __post_init__(self) -> None:
+        if self.patch != "auto" and not (isinstance(self.patch, int | np.integer) and 1 <= self.patch <= 65535):
+            raise ValueError(f"patch must be 1 to 65535 pixels, or auto; got {self.patch!r}")
+        whole("spp of the pilot", self.spp, 2, more="because a variance needs two samples")
+        one_of("channels", self.channels, ("luminance", "rgb"))
+        one_of("filter", self.filter, ("gaussian", "none"))
+        one_of("no_signal", self.no_signal, ("half", "skip"))
+        one_of("ragged", self.ragged, ("equal", "area"))
+        check_taps(self.size)
+        positive("sigma", self.sigma)
+
+    def grey(self, variance: Array) -> Array:
+        return variance.mean(axis=-1) if self.channels == "rgb" else super().grey(variance)
+
+    def fit_variances(self, w: Array, s2: Array, patch: int | str) -> Fit:
+        if not isinstance(patch, str):
+            return super().fit_variances(w, s2, patch)
+        from dmis.fit.patch_size import SIZES, choose_patch
+
+        size, scores = choose_patch(w, s2, lambda y, area: self.smooth(*parabola_minimum(w, y), area))
+        fit = super().fit_variances(w, s2, size)
+        return Fit(fit.weight, {**fit.maps, "sizes": np.stack([SIZES, scores])})
+
+    def smooth(self, raw: Array, status: np.ndarray, area: Array) -> Array:
+        return raw if self.filter == "none" else super().smooth(raw, status, area)
+
+    def counts(self, status: np.ndarray, area: Array) -> Array:
+        """Return 1 for each patch, or the share of it that is inside of the image; or 0 without a signal."""
+        count = np.ones(status.shape) if self.ragged == "equal" else area / area.max()
+        return count * (status != 3) if self.no_signal == "skip" else count
