@@ -152,7 +152,7 @@ def contents() -> str:
 def source_read(app, page: str, text: list[str]) -> None:
     """Links that lead out of docs/ lead to the pages that the site has for them."""
     if page.startswith("generated/"):
-        text[0] = gallery.with_figure(page, text[0])
+        text[0] = gallery.with_figure(page, gallery.with_code(text[0]))
         return
     for file, name in ELSEWHERE.items():
         text[0] = text[0].replace(f"](../{file}", f"](generated/{name}.md")

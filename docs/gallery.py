@@ -46,6 +46,12 @@ def write_panels(folder: Path) -> None:
         panel.save(images / f"sphx_glr_{script.stem}_001.webp", quality=90)
 
 
+def with_code(text: str) -> str:
+    """Return the text of a script's page with the code of the thesis's fit below the cell that prints it."""
+    code = "\n.. literalinclude:: /../dmis/fit/thesis.py\n   :pyobject: parabola_minimum\n"
+    return re.sub(r"^ +print\(getsource\(parabola_minimum\)\)\n", lambda line: f"{line[0]}{code}", text, flags=re.M)
+
+
 def with_figure(page: str, text: str) -> str:
     """Return the text of a script's page with its figure and caption below the title; a click shows it by itself."""
     stem = page.rpartition("/")[2]

@@ -137,27 +137,6 @@ def test_other_scenes_are_not_published(script, options, message, tmp_path, monk
 
 
 @pytest.mark.examples
-@pytest.mark.parametrize("stem", ["fig_3_4_weights", "fig_3_5_filter", "fig_5_1_limitation_tt", "table_4_1"])
-def test_steps_in_the_cells_are_the_rules(stem, cache, tmp_path, monkeypatch):
-    """What a figure computes in its cells from the pilots is what the library's fit gives."""
-    from dmis.fit.thesis import parabola_minimum
-
-    (script,) = (path for path in FIGURES if path.stem == f"plot_{stem}")
-    monkeypatch.setattr(sys, "argv", [str(script), "--quick", "-o", str(tmp_path / "figure.png")])
-    monkeypatch.setenv("DMIS_CACHE", str(cache))
-    cells = {}
-    run_alone(lambda: cells.update(runpy.run_path(str(script))), script.parent, monkeypatch)
-    several = "fits" in cells
-    variances = cells["variances"] if several else {"": cells["variances"]}
-    fits = cells["fits"] if several else {"": (cells["raw"], cells["status"])}
-    assert set(fits) == set(variances)
-    for case, (weight, status) in fits.items():
-        expected, cases = parabola_minimum(cells["STRATEGIES"], variances[case])
-        np.testing.assert_allclose(weight, expected, atol=1e-6)
-        assert np.array_equal(status, cases)
-
-
-@pytest.mark.examples
 def test_errors_are_resumed(run, tmp_path, monkeypatch):
     """A row for each render; a second run renders nothing, and more seeds leave the rows of the first."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path))
@@ -189,9 +168,9 @@ def test_set_ups_of_the_reproduction(tmp_path, monkeypatch):
     assert setups[0] == setups[1] == ("independent", 2, "direct")
     assert setups[2:] == [("lowdiscrepancy", 32, "direct"), ("lowdiscrepancy", 2, "path")]
     assert [setup.final() for setup in cells["SETUPS"].values()] == [122, 122, 128, 128, 128]
-    y = np.random.default_rng(1).exponential(size=(3, 5, 6))
-    expected, status = parabola_minimum(np.array([0, 0.5, 1]), y)
-    raw = cells["Printed"]()._weights(None, y, None)[1]
+    w, y = np.array([0, 0.5, 1]), np.random.default_rng(1).exponential(size=(3, 5, 6))
+    expected, status = parabola_minimum(w, y)
+    raw = cells["Printed"]().fit_variances(w, y, 1).maps["raw"]
     np.testing.assert_allclose(raw[status < 2], expected[status < 2])
     assert 0 < (raw[status == 2] != expected[status == 2]).sum() and (status < 2).sum() > 4
 

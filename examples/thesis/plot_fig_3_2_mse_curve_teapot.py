@@ -8,12 +8,15 @@ such a patch on the board and one on the pot, their curves, their parabolas, and
 weights that pilots of two samples find.
 """
 
+from inspect import getsource
+
 import numpy as np
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.examples.gallery import options, print_canvas
+from dmis.fit.thesis import parabola_minimum
 
 opts, _ = options("plot_fig_3_2_mse_curve_teapot", __doc__)
 SPP = opts.pick(16, 2048)
@@ -56,17 +59,19 @@ curves = {
 
 # %%
 # **Three points and the fit.** The parabola a₂ w² + a₁ w + a₀ through the variances at
-# w = 0, 1/2, 1 (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5).
+# w = 0, 1/2, 1 (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5), computed
+# by the library's code, which is printed here.
 THREE = np.array([0, 0.5, 1])
 points = {colour: curve[[0, 5, 10]] for colour, curve in curves.items()}
 parabolas = {colour: np.polyfit(THREE, y, 2) for colour, y in points.items()}
 
 
 def minimum(y):
-    """Return the minimum inside [0, 1], or the best of the three if there is none."""
-    a2, a1, _ = np.polyfit(THREE, y, 2)
-    return np.clip(-a1 / (2 * a2), 0, 1) if a2 > 0 else THREE[np.argmin(y)]
+    """Return the weight that the thesis's rule gives to a patch."""
+    return float(parabola_minimum(THREE, np.array(y))[0])
 
+
+print(getsource(parabola_minimum))
 
 # %%
 # **What the rule measures**: the same three points, by a pilot of two samples a pixel.

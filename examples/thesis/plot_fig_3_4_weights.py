@@ -10,6 +10,8 @@ the three pilots. One patch of each scene is framed, and its parabola drawn. Ima
 have the thesis's size here, so patches of 16x16 pixels are the thesis's, too.
 """
 
+from inspect import getsource
+
 import numpy as np
 
 import dmis
@@ -17,7 +19,7 @@ from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.examples.gallery import SCENES, WEIGHT, name_rows, options, print_canvas
-from dmis.fit.thesis import STATUS
+from dmis.fit.thesis import STATUS, parabola_minimum
 
 opts, _ = options("plot_fig_3_4_weights", __doc__)
 PATCH = opts.pick(4, 16)
@@ -61,11 +63,10 @@ variances = {
 
 # %%
 # **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of
-# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). Three points
-# determine it: a₂ = 2 (y₀ + y₁ - 2 y½), a₁ = -3 y₀ + 4 y½ - y₁. The status marks the
-# patches where this is no minimum inside [0, 1]. `dmis.fit.thesis.parabola_minimum`
-# does the same for any number of points. Shares are counted over whole patches, because
-# the last rows of the killeroo scenes and of TT are 2 pixels and 1 pixel high.
+# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5), computed by
+# the library's code, which is printed here. The status marks the patches where this is
+# no minimum inside [0, 1]. Shares are counted over whole patches, because the last rows
+# of the killeroo scenes and of TT are 2 pixels and 1 pixel high.
 
 
 def whole(patches, name):
@@ -74,22 +75,14 @@ def whole(patches, name):
     return patches[: height // PATCH, : width // PATCH]
 
 
-fits = {}
-for name, y in variances.items():
-    y0, y_half, y1 = y
-    a2, a1 = 2 * (y0 + y1 - 2 * y_half), -3 * y0 + 4 * y_half - y1
-    convex, signal = a2 > 0, np.ptp(y, axis=0) > 0
-    minimum = -a1 / np.where(convex, 2 * a2, 1)
-    best = STRATEGIES[y.argmin(axis=0)]
-    weight = np.where(convex, minimum.clip(0, 1), np.where(signal, best, 0.5))
-    outside = convex & (weight != minimum)
-    status = np.select([~signal, ~convex, outside], [3, 2, 1], 0)
-    fits[name] = weight, status
+fits = {name: parabola_minimum(STRATEGIES, y) for name, y in variances.items()}
+for name, (_, status) in fits.items():
     shares = (
         f"{meaning} {np.mean(whole(status, name) == code):.1%}"
         for code, meaning in STATUS.items()
     )
     print(f"{name:18} {', '.join(shares)}")
+print(getsource(parabola_minimum))
 
 # %%
 # **Which technique outweighs the other?** Of the patches with a signal, the share with

@@ -8,6 +8,8 @@ agree. It also blurs weights across the edges of shadows and materials, where ne
 should differ.
 """
 
+from inspect import getsource
+
 import numpy as np
 
 import dmis
@@ -25,6 +27,7 @@ from dmis.examples.gallery import (
 )
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
+from dmis.fit.thesis import parabola_minimum
 
 opts, _ = options("plot_fig_3_5_filter", __doc__)
 PATCH = opts.pick(4, 16)
@@ -59,23 +62,15 @@ variances = {
 
 # %%
 # **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of
-# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). Three points
-# determine it: a₂ = 2 (y₀ + y₁ - 2 y½), a₁ = -3 y₀ + 4 y½ - y₁. Outside [0, 1] the
-# nearer end is taken, without a minimum the best of the three, without a signal 1/2:
-# the thesis does not say what to do there.
-fits = {}
-for name, y in variances.items():
-    y0, y_half, y1 = y
-    a2, a1 = 2 * (y0 + y1 - 2 * y_half), -3 * y0 + 4 * y_half - y1
-    convex, signal = a2 > 0, np.ptp(y, axis=0) > 0
-    minimum = -a1 / np.where(convex, 2 * a2, 1)
-    best = STRATEGIES[y.argmin(axis=0)]
-    weight = np.where(convex, minimum.clip(0, 1), np.where(signal, best, 0.5))
-    outside = convex & (weight != minimum)
-    status = np.select([~signal, ~convex, outside], [3, 2, 1], 0)
-    fits[name] = weight, status
-    print(f"{name:18} patches without a minimum: {np.mean(status == 2):.1%}")
+# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5), computed by
+# the library's code, which is printed here. Outside [0, 1] the nearer end is taken,
+# without a minimum the best of the three, without a signal 1/2: the thesis does not say
+# what to do there.
+fits = {name: parabola_minimum(STRATEGIES, y) for name, y in variances.items()}
 raw = {name: weight for name, (weight, _) in fits.items()}
+for name, (_, status) in fits.items():
+    print(f"{name:18} patches without a minimum: {np.mean(status == 2):.1%}")
+print(getsource(parabola_minimum))
 
 # %%
 # **Step 4, the filter.** The weight of patch p becomes Σ_q g(p - q) w_q over 5x5

@@ -13,6 +13,8 @@ in hours, in two set-ups:
   both killeroo scenes. It was chosen knowing the thesis's errors.
 """
 
+from inspect import getsource
+
 import numpy as np
 
 import dmis
@@ -21,6 +23,7 @@ from dmis.base.patches import patch_mean, patch_spread
 from dmis.examples.gallery import SCENES, options, print_canvas
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
+from dmis.fit.thesis import parabola_minimum
 
 opts, _ = options("plot_table_4_1", __doc__)
 PATCH = opts.pick(4, 16)
@@ -44,17 +47,12 @@ variances = np.stack([patch_mean(luminance(pilot.variance), PATCH) for pilot in 
 
 # %%
 # **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of
-# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). Three points
-# determine it: a₂ = 2 (y₀ + y₁ - 2 y½), a₁ = -3 y₀ + 4 y½ - y₁. Outside [0, 1] the
-# nearer end is taken, without a minimum the best of the three, without a signal 1/2.
-y0, y_half, y1 = variances
-a2, a1 = 2 * (y0 + y1 - 2 * y_half), -3 * y0 + 4 * y_half - y1
-convex, signal = a2 > 0, np.ptp(variances, axis=0) > 0
-minimum = -a1 / np.where(convex, 2 * a2, 1)
-best = STRATEGIES[variances.argmin(axis=0)]
-raw = np.where(convex, minimum.clip(0, 1), np.where(signal, best, 0.5))
-status = np.select([~signal, ~convex, raw != minimum], [3, 2, 1], 0)
+# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5), computed by
+# the library's code, which is printed here. Outside [0, 1] the nearer end is taken,
+# without a minimum the best of the three, without a signal 1/2.
+raw, status = parabola_minimum(STRATEGIES, variances)
 print(f"patches with a minimum inside [0, 1]: {np.mean(status == 0):.1%}")
+print(getsource(parabola_minimum))
 
 # %%
 # **Step 4, the filter and the map.** The weight of patch p becomes Σ_q g(p - q) w_q
