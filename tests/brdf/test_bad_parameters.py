@@ -73,26 +73,12 @@ def test_a_parameter_out_of_range_is_named(make: Callable[..., Any], name: str, 
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: dmis.matte(-0.1), "kd must be finite and not negative, because it is a reflectance; got -0.1"),
         (lambda: dmis.matte((255, 0, 0)), r"kd must be at most 1, because .* values of 8 bits by 255 .*\(255, 0, 0\)"),
-        (lambda: dmis.matte(1.001), "kd must be at most 1, because no surface reflects more .*; got 1.001"),
-        (
-            lambda: dmis.matte(image(200.0)),
-            r"kd must be at most 1, .* got an image \(1, 2, 1\) from 0.1 to 200",
-        ),
-        (lambda: dmis.matte((0.1, 0.2)), r"kd must be a number, an RGB triple or an image, because .*\(0.1, 0.2\)"),
-        (lambda: dmis.shiny_metal(ks=ONE), "ks must be a number or an RGB triple, because"),
+        (lambda: dmis.matte(image(200.0)), r"kd must be at most 1, .* got an image \(1, 2, 1\) from 0.1 to 200"),
         (lambda: dmis.phong(exponent=(1, 2, 3)), "exponent must be a number or an image of one channel, because"),
-        (lambda: dmis.matte(0.5, ONE), "sigma must be a number, because"),
         (lambda: dmis.ward(alpha=1e-6), "alpha must be positive and finite, at least 0.0001, because .*; got 1e-06"),
         (lambda: dmis.ggx(alpha=BLACK_OUTSIDE), "alpha must be .* with another wrap than black, because"),
-        (lambda: dmis.plastic(eta=0), "eta must be .*, because it is a ratio of speeds of light; got 0"),
-        (lambda: dmis.plastic(roughness=0), "roughness must be .*, because Blinn's exponent is its reciprocal; got 0"),
-        (lambda: dmis.coated_diffuse(eta=0.9), "eta must be from 1 to 100, because .*; got 0.9"),
-        (lambda: dmis.coated_conductor(coat_eta=4.1, alpha=0.1), "coat_eta must be from 1 to 4, because .*; got 4.1"),
-        (lambda: dmis.ggx(fresnel=Conductor((1, 1, 1), (0, 0))), "k of fresnel must be .* RGB triple"),
         (lambda: dmis.ggx(fresnel=1.5), "fresnel must be a Dielectric or Conductor, because it takes cosines, or None"),
-        (lambda: dmis.coated_diffuse(bounces=0), "bounces must be a whole number of at least 1"),
     ],
 )
 def test_wording(make: Callable[[], Any], message: str) -> None:

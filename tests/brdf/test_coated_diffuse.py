@@ -63,14 +63,6 @@ def test_without_a_coat_the_base_is_lamberts() -> None:
         np.testing.assert_allclose(leaving(made, 40.0, COS), leaving(Material((Lambert(0.7),)), 40.0, COS), rtol=1e-4)
 
 
-@pytest.mark.parametrize("bounces", [1, 2, 5])
-def test_bounces_are_terms_of_a_series(bounces: int) -> None:
-    """All reflections, less those after the first n, which are (R I)^n of them."""
-    again = 0.8 * internal_reflectance(1.5, 0.2, 0.01)
-    some, every = (leaving(base(0.8, 1.5, 0.2, 0.01, bounces=n), 30.0, COS) for n in (bounces, None))
-    np.testing.assert_allclose(some, every * (1 - again**bounces), rtol=1e-5)
-
-
 # Random walks -------------------------------------------------------------------------------------------------------
 
 
@@ -214,17 +206,6 @@ def test_coated_metal_reflects_no_more_than_it_gets(alpha: float, coat_alpha: fl
         assert 0.05 < reflected(material, polar(degrees), 200, 100) + mirrored < 1.005
 
 
-def test_metal_without_a_coat_is_ggx() -> None:
-    """Index 1 reflects nothing, and neither bends rays."""
-    coated, plain = (
-        dmis.coated_conductor(*ALUMINIUM, 0.3, coat_eta=1.0),
-        dmis.ggx(0, 1, 0.3, fresnel=SMOOTH_METAL),
-    )
-    assert len(coated.lobes) == 1
-    cos = COS[COS > 0.05]
-    np.testing.assert_allclose(leaving(coated, 40.0, cos), leaving(plain, 40.0, cos), rtol=0.01)
-
-
 # Interfaces ---------------------------------------------------------------------------------------------------------
 
 
@@ -234,12 +215,6 @@ def test_diffuse_light_at_a_smooth_interface(eta: float) -> None:
     outside = WEIGHTS @ (2 * COS * dielectric(COS, np.asarray(eta)))
     assert internal_reflectance(eta) == pytest.approx(1 - (1 - outside) / eta**2, abs=1e-6)
     assert internal_reflectance(eta, 1e-4) == pytest.approx(internal_reflectance(eta), abs=1e-3)
-
-
-def test_reflectances_of_tables() -> None:
-    """Index 1.5: diffuse light loses 9.2 % from outside, 59.6 % from inside (Judd 1942)."""
-    assert 1 - WEIGHTS @ (2 * COS * transmittance(COS.astype(np.float32), 1.5)) == pytest.approx(0.0918, abs=1e-4)
-    assert internal_reflectance(1.5) == pytest.approx(0.5963, abs=1e-4)
 
 
 @pytest.mark.parametrize("alpha, thickness", [(1e-3, 0.0), (0.1, 0.1), (0.5, 0.0), (1.0, 0.01)])

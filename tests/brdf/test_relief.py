@@ -94,26 +94,6 @@ def test_normal_maps_are_in_the_frame_of_the_texture(mirrored):
     np.testing.assert_allclose(n.T, [weak / np.linalg.norm(weak)] * 5, atol=1e-5)
 
 
-def test_renders_of_bumps_and_of_the_height_field_agree():
-    """A distant light high above casts no shadows, so a bumped square looks like the surface of its heights."""
-    light = (dmis.DistantLight((0.2, 0.1, 1), (3, 3, 3)),)
-    line = np.linspace(0, 1, 193)
-    u, v = np.meshgrid(line, line)
-    heights = waves((u, v))[0]
-    vertices = np.stack([2 * u - 1, 2 * v - 1, 1 + 2 * heights], axis=2).reshape(-1, 3)
-    k = np.arange(192)[:, None] * 193 + np.arange(192)
-    faces = np.stack([k, k + 1, k + 194, k, k + 194, k + 193], axis=2).reshape(-1, 3)
-    field = Part(Mesh(vertices, faces), dmis.matte(0.8))
-    twice = dmis.Image(2 * HEIGHTS.texels)
-    bumped = Part(quad((-1, -1, 1), (2, 0, 0), (0, 2, 0)), replace(dmis.matte(0.8), relief=BumpMap(twice)))
-    images = [
-        dmis.render(box_scene(lights=light, extra=(part,), eye=(0, -1, 4)), "balance", 64, parallel=1).image
-        for part in (field, bumped)
-    ]
-    assert images[0].std() > 0.03
-    np.testing.assert_allclose(images[1][4:12, 4:12], images[0][4:12, 4:12], rtol=0.02)
-
-
 def test_paths_keep_their_energy():
     """Under an even sky a white bumped square reflects no more than 1, and little less."""
     sky = (dmis.EnvironmentLight(np.ones((4, 8, 3))),)

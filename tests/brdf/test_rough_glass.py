@@ -8,10 +8,10 @@ from helpers import Z_LIMIT, image_tile, images_z_score, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.materials import Material, glass
+from dmis.brdf.materials import glass
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
-from dmis.geometry.shapes import quad, sphere
+from dmis.geometry.shapes import sphere
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.tile import render_tile
@@ -109,21 +109,6 @@ def test_smooth_glass_in_an_even_sky_has_no_noise() -> None:
     rendered = render_tile(scene, image_tile(scene, 0, round_))
     np.testing.assert_allclose(rendered.mean, 1, atol=2e-4)
     np.testing.assert_allclose(rendered.root**2 / 63, 0, atol=1e-6)
-
-
-def test_a_pane_shows_what_is_behind_it_as_smooth_glass_does() -> None:
-    """Path tracing through a slab of two surfaces, alpha = 1e-3, beside smooth glass: a red floor, lit from aside."""
-    pane = quad((-2, -2, 0.5), (4, 0, 0), (0, 4, 0)), quad((-2, -2, 0.4), (0, 4, 0), (4, 0, 0))
-    lamp = QuadLight((3.0, -0.7, 0.02), (0, 0, 0.33), (0, 1.4, 0), (40, 40, 40))
-    settings = Settings(sampler="independent", integrator="path", max_depth=8)
-    shape = Part(quad(lamp.corner, lamp.edge_u, lamp.edge_v), Material(()), lamp)  # or mirrors would not show it
-    got = []
-    for seed, material in ((0, dmis.rough_glass(alpha=1e-3)), (500, glass())):
-        parts = tuple(Part(side, material) for side in pane)
-        scene = box_scene(dmis.matte((0.8, 0.1, 0.1)), (lamp,), (*parts, shape), resolution=(70, 70))
-        got.append(images(scene, 0.5, seed, settings))
-    assert got[1].mean() > 0.003
-    assert abs(images_z_score(*got)) < Z_LIMIT
 
 
 def test_only_rough_glass_looks_beyond_its_surface() -> None:
