@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import trimesh
-from helpers import glb, script, triangle_ply
+from helpers import script, triangle_ply
 
 from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
@@ -229,17 +229,6 @@ def test_loop_limit_points_are_the_same_from_every_level(cage):
         np.testing.assert_allclose(points[inside], first[inside], atol=1e-12)
 
 
-@pytest.mark.parametrize("cage", [OCTAHEDRON, ICOSAHEDRON, TETRAHEDRON], ids=["octa", "icosa", "tetra"])
-def test_loop_normals_on_axes_of_symmetry_are_radial(cage):
-    """A turn of the solid about a corner's axis leaves the normal there in place."""
-    v, f = cage
-    for levels in range(4):
-        mesh = loop_subdivide(v, f, levels)
-        corner = mesh.vertices[: len(v)]
-        radial = corner / np.linalg.norm(corner, axis=1, keepdims=True)
-        np.testing.assert_allclose(mesh.normals[: len(v)], radial, atol=1e-9)
-
-
 @pytest.mark.parametrize("cage", [OCTAHEDRON, fan(7, 0.8), patch()], ids=["octahedron", "cone7", "sheet"])
 def test_loop_normals_converge_to_those_of_fine_triangles(cage):
     """The same points, seen as ever finer meshes: the masks approach the mean of the tiny faces around."""
@@ -256,21 +245,6 @@ def test_loop_normals_converge_to_those_of_fine_triangles(cage):
     assert not len(boundary) or np.median(boundary) < 0.05
 
 
-def test_loop_boundary_tangents_on_a_regular_half_ring():
-    """On flat half rings of any valence S runs along the boundary, T inwards, and both ignore where the origin is."""
-    masks = subdivision._tangent_masks(9)[1]
-    for n in range(2, 10):
-        angle = np.pi * np.arange(n) / (n - 1)
-        weights = masks[n, :n]
-        ring = np.exp(1j * angle)
-        s, t = weights.real @ ring, weights.imag @ ring  # complex numbers stand for points of the plane
-        assert s == pytest.approx(2)
-        if n > 2:  # two neighbours on a straight boundary have nothing inwards
-            assert t.real == pytest.approx(0, abs=1e-12) and t.imag > 0.5
-    np.testing.assert_array_equal(masks[4, :4].imag, [-1, 2, 2, -1])
-    np.testing.assert_allclose(masks[5:, :].imag[np.arange(5), :].sum(axis=1)[0], masks[5, :].imag.sum())
-
-
 def test_loop_parts_do_not_see_each_other_and_loose_vertices_stay():
     v, f = OCTAHEDRON
     vertices = np.concatenate([v, [[7, 7, 7]], v + 5])
@@ -282,59 +256,7 @@ def test_loop_parts_do_not_see_each_other_and_loose_vertices_stay():
     np.testing.assert_array_equal(mesh.vertices[len(v)], [7, 7, 7])
 
 
-def test_loop_of_the_killeroo_cage(pbrt_scenes):
-    text = (pbrt_scenes / "geometry" / "killeroo3.pbrt").read_text()
-    v = np.array(re.search(r'"point P"\s*\[([^]]*)]', text)[1].split(), float).reshape(-1, 3)
-    f = np.array(re.search(r'"integer indices"\s*\[([^]]*)]', text)[1].split(), int).reshape(-1, 3)
-    net = net_of(v, f)
-    assert (len(v), len(f), (net.twin < 0).sum()) == (4290, 8316, 270)
-    assert (net.valence.min(), net.valence.max()) == (2, 13)
-    mesh = loop_subdivide(v, f, 3)
-    assert mesh.triangles == 532224 and len(np.unique(mesh.faces)) == len(mesh.vertices)
-    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1)
-    mean = vertex_normals(mesh.vertices, mesh.faces)
-    along = (mesh.normals * mean).sum(axis=1)
-    assert along.min() > 0.5 and np.mean(along > 0.99) > 0.99
-
-
 # Bézier patches and quadrics
-
-
-def flat_patch() -> np.ndarray:
-    u, v = np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 2, 4), indexing="ij")
-    return np.stack([u, v, 0 * u + 3], axis=2)[None]
-
-
-def test_bezier_paraboloid(make_teapot):
-    """z = x² + x y² has Bernstein coefficients from the blossoms of 1, t and t²."""
-    linear, square = np.array([0, 1, 2, 3]) / 3, np.array([0, 0, 1, 3]) / 3
-    x, y = np.broadcast_arrays(linear[:, None], linear)
-    z = square[:, None] + linear[:, None] * square
-    mesh = make_teapot.bezier_patches(np.stack([x, y, z], axis=2)[None], 9)
-    x, y, z = mesh.vertices.T
-    np.testing.assert_allclose(z, x**2 + x * y**2, atol=1e-12)
-    exact = np.stack([-2 * x - y**2, -2 * x * y, 1 + 0 * x], axis=1)
-    np.testing.assert_allclose(mesh.normals, exact / np.linalg.norm(exact, axis=1, keepdims=True), atol=1e-12)
-
-
-@pytest.mark.parametrize("collapsed", ["u0", "u1", "v0", "v1"])
-def test_bezier_poles(make_teapot, collapsed):
-    """A side drawn together to a point: no triangles without area there, and the normal's limit."""
-    net = flat_patch()
-    net[..., 2] = net[..., 0] ** 2 if collapsed[0] == "u" else net[..., 1] ** 2
-    side = [slice(None)] * 4
-    side[1 if collapsed[0] == "u" else 2] = -int(collapsed[1])
-    net[tuple(side)] = net[tuple(side)].reshape(-1, 3).mean(axis=0)
-    mesh = make_teapot.bezier_patches(net, 6)
-    assert mesh.triangles == 72 - 6
-    at_pole = (mesh.vertices == net[tuple(side)].reshape(-1, 3)[0]).all(axis=1) | (
-        np.linalg.norm(mesh.vertices - net[tuple(side)].reshape(-1, 3)[0], axis=1) < 1e-12
-    )
-    assert at_pole.sum() == 7
-    fine = make_teapot.bezier_patches(net, 150)
-    limit = fine.normals[np.linalg.norm(fine.vertices - mesh.vertices[at_pole][0], axis=1) < 0.02].mean(axis=0)
-    np.testing.assert_allclose(mesh.normals[at_pole], np.broadcast_to(limit, (7, 3)), atol=0.02)
-    assert (agreement(mesh) > 0.8).all()
 
 
 @pytest.fixture(scope="module")
@@ -482,35 +404,25 @@ FIVE = np.random.default_rng(1).uniform(size=(5, 3))
         (lambda: Mesh(V[:, :2], F), r"vertices must have shape \(V, 3\); got \(3, 2\)"),
         (lambda: Mesh(V * np.nan, F), r"vertices must be finite, .* in row 0"),
         (lambda: Mesh(V, F + 1), r"faces must be indices from 0 to 2, because there are 3 vertices; got 1 to 3"),
-        (lambda: Mesh(V, F - 1), r"got -1 to 1"),
         (lambda: Mesh(V, F[:0]), r"faces must be integers of shape \(F, 3\), F >= 1, .*; got shape \(0, 3\)"),
-        (lambda: Mesh(V, F * 1.0), r"faces must be integers .* of float64"),
-        (lambda: Mesh(V, F, normals=V[:2]), r"normals must have shape \(3, 3\), a row for each vertex; got \(2, 3\)"),
         (lambda: Mesh(V, F, normals=V), r"normals must not be zero, .* in row 0"),
-        (lambda: Mesh(V, F, uv=V), r"uv must have shape \(3, 2\)"),
         (lambda: Mesh(V, F, uv=np.full((3, 2), 1e19)), r"uv must be finite, within 1e\+18 of 0, .* in row 0"),
         (lambda: Mesh(V, F).transformed(np.eye(3)), r"matrix must be finite, 4x4"),
         (lambda: Mesh(V, F).transformed(np.diag([1, 1, 0, 1])), r"matrix must be invertible, because normals"),
         (lambda: concatenate([]), r"meshes must hold at least one mesh"),
         (lambda: placed_geometries(trimesh.Scene()), r"mesh must hold triangles"),
         (lambda: from_trimesh(trimesh.PointCloud(V)), r"mesh must be a trimesh.Trimesh with faces"),
-        (lambda: translate([1, 2]), r"offset must be three finite numbers; got \[1.0, 2.0\]"),
-        (lambda: scale([1, np.inf, 1]), r"factors must be three finite numbers"),
         (lambda: rotate(30, [0, 0, 0]), r"axis must not be zero, because it gives a direction"),
         (lambda: look_at(V[0], V[0], V[1]), r"the line of sight from eye to target must not be zero"),
         (lambda: look_at(V[0], V[1], V[1]), r"up must not be parallel to the line of sight"),
         (lambda: loop_subdivide(V, F, -1), r"levels must be a whole number of at least 0; got -1"),
-        (lambda: loop_subdivide(V, F, 1.5), r"levels must be a whole number of at least 0; got 1.5"),
         (lambda: loop_subdivide(V, F, 13), r"levels must leave at most 16777216 triangles, .* got 13 for 1 triangles"),
         (lambda: loop_subdivide(V, [[0, 1, 1]], 1), r"three different corners; got \[0, 1, 1\] in face 0"),
         (lambda: loop_subdivide(FIVE, [[0, 1, 2], [1, 0, 3], [0, 1, 4]], 1), r"not so at edge \(0, 1\)"),
-        (lambda: loop_subdivide(FIVE, [[0, 1, 2], [0, 1, 3]], 1), r"not so at edge \(0, 1\)"),
         (lambda: loop_subdivide(FIVE, [[0, 1, 2], [0, 3, 4]], 1), r"its ring; got several at vertex 0"),
         (lambda: sphere(-1), r"radius must be positive and finite; got -1"),
         (lambda: spherical(1, 2, 3), r"zmin must be below zmax on a sphere of radius 1, .*; got 2, 3"),
         (lambda: spherical(phimax=0), r"phimax must be above 0 and at most 360 degrees; got 0"),
-        (lambda: sphere(segments=2), r"segments must be a whole number of at least 3; got 2"),
-        (lambda: cylindrical(zmin=1, zmax=1), r"zmin must be below zmax"),
         (lambda: circular(innerradius=1), r"innerradius must be at least 0 and less than the radius 1; got 1"),
         (lambda: quad(V[0], V[1], V[1]), r"u x v must not be zero"),
     ],
@@ -526,8 +438,6 @@ def test_faults(call, message):
         ("mesh.xyz", b"", r"must have one of the extensions \.glb \.gltf \.obj \.ply \.stl; got '\.xyz'"),
         ("empty.ply", b"", r"cannot be read as PLY"),
         ("broken.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", r"cannot be read as PLY"),
-        ("broken.glb", b"glTF but not for long", r"cannot be read as GLB"),
-        ("short.glb", b"glTF", r"cannot be read as GLB: it must be binary glTF of version 2"),
         ("cut.glb", b"glTF\2\0\0\0\x40\0\0\0\x08\0\0\0JSON{}  ", r"it is cut off: it must have 64 bytes; it has 24"),
         ("broken.stl", b"\x00" * 90, r"cannot be read as STL"),
         ("other.glb", b'{"asset": {"version": "2.0"}}', r"must be binary glTF of version 2; convert it"),
@@ -539,14 +449,6 @@ def test_bad_files(tmp_path, name, content, message):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(ValueError, match=re.escape(str(path)) + ".*" + message):
-        load_mesh(path)
-
-
-def test_compressed_glb_is_refused(tmp_path):
-    """trimesh without a decoder fills its arrays with zeros."""
-    path = tmp_path / "a.glb"
-    path.write_bytes(glb({"extensionsRequired": ["KHR_draco_mesh_compression"], "accessors": []}))
-    with pytest.raises(ValueError, match=r"requires KHR_draco_mesh_compression, .*; export it without"):
         load_mesh(path)
 
 
@@ -595,17 +497,6 @@ def test_polygons_of_ply(tmp_path, form, textured):
     write_ply(path, form, [[0, 1, 9]], corners)
     with pytest.raises(ValueError, match=r"the lists of a PLY file must hold whole numbers below 9, .*; got 9"):
         load_mesh(path)
-
-
-@pytest.mark.parametrize("smooth", [True, False])
-@pytest.mark.parametrize("encoding", ["ascii", "binary"])
-def test_ply_files_are_read_as_trimesh_reads_them(tmp_path, smooth, encoding):
-    thing = trimesh.Trimesh(*OCTAHEDRON, vertex_normals=OCTAHEDRON[0] if smooth else None, process=False)
-    thing.export(tmp_path / "a.ply", vertex_normal=smooth, encoding=encoding)
-    expected = from_trimesh(trimesh.load(tmp_path / "a.ply", process=False))
-    mesh = load_mesh(tmp_path / "a.ply")
-    for name in ("vertices", "faces", "normals"):
-        np.testing.assert_array_equal(getattr(mesh, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize("names", [("u", "v"), ("s", "t"), ("texture_u", "texture_v"), ("texture_s", "texture_t")])

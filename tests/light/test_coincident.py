@@ -9,7 +9,7 @@ from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 
 from dmis import Camera, render
 from dmis.base.vectors import Array
-from dmis.brdf.materials import glass, matte, plastic
+from dmis.brdf.materials import matte, plastic
 from dmis.formats.load_scene import light_part
 from dmis.formats.pbrt.read import read_pbrt
 from dmis.formats.pbrt.tokens import PbrtError
@@ -76,26 +76,6 @@ def test_each_side_of_a_lamp_shows_its_own(name: str) -> None:
         for copy in (scene, pickled(scene)):
             image = tile_of(copy, spp=4)[0]
             np.testing.assert_array_equal(image, np.broadcast_to(np.float32(expected), image.shape))
-
-
-def test_a_mesh_of_two_sides_is_two_quads() -> None:
-    """What both light has one mean; every sample of the mesh emits, above and below."""
-    two = scene_of((BELOW, QuadLight(ABOVE.corner, ABOVE.edge_u, ABOVE.edge_v, RED)))
-    mesh = SCENES["one mesh"]
-    for eye in ((0.0, -3.0, 0.4), (0.0, -2.5, 2.3)):
-        one, other = (means(seen_from(scene, eye), range(15), 16, w=1.0) for scene in (mesh, two))
-        assert abs(z_score(one, other)) < Z_LIMIT
-    for height in (0.0, 3.0):
-        p = columns(np.array([0.2, -0.1, height]), 4096)
-        assert mesh.lights[0].sample(p, uniforms(4096)).emits.mean() > 0.999
-
-
-def test_a_pane_shows_both_sides() -> None:
-    """Rays that go on through glass meet the lamp with a throughput; both sides shine as one by one."""
-    pane = Part(quad((-3, -1.2, -1), (6, 0, 0), (0, 0, 6)), glass())
-    for lamps in ((ABOVE, BELOW), (BELOW, ABOVE)):
-        two, one = (seen_from(scene_of(chosen, (pane,)), (0.0, -3.0, 1.0), 12) for chosen in (lamps, (BELOW,)))
-        np.testing.assert_array_equal(tile_of(two, spp=4, w=1.0)[0].max(), tile_of(one, spp=4, w=1.0)[0].max())
 
 
 def test_the_caster_reports_the_triangle_that_faces_the_ray() -> None:

@@ -9,7 +9,6 @@ from helpers import Z_LIMIT, pickled
 
 from dmis.base.color import LUMINANCE
 from dmis.base.vectors import Array, frame, normalise
-from dmis.brdf.materials import matte
 from dmis.brdf.texture import Image
 from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, QuadLight, SphereLight
@@ -19,11 +18,9 @@ from dmis.light.light import check_light_form
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
 from dmis.light.selection import select_lights
-from dmis.pipeline.render import render
 from dmis.samplers.warp import square_to_sphere
 from dmis.testing.light import check_light
 from dmis.testing.outcome import require
-from dmis.testing.scenes import box_scene
 from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
 
 WHITE = (1.0, 2.0, 3.0)
@@ -78,17 +75,6 @@ def test_checks(name: str) -> None:
 def test_checks_of_deltas(light: Any) -> None:
     """Methods and finite values."""
     require(check_light(light))
-
-
-@pytest.mark.parametrize("height, radius", [(1.0, 1.0), (2.0, 0.3), (0.1, 3.0), (100.0, 0.1)])
-def test_disk_closed_form(height: float, radius: float) -> None:
-    """Under the centre of a parallel disk, ``E = pi L sin^2`` of its half angle."""
-    light = DiskLight((0, 0, height), (0, 0, -1), radius, (2.0, 2.0, 2.0))
-    light_sample = light.sample(columns(np.zeros(3), 2**16), uniforms(2**16))
-    samples = 2.0 * light_sample.wi[2] / light_sample.pdf
-    expected = np.pi * 2 * radius**2 / (radius**2 + height**2)
-    # the last one is nearly constant: float32 rounding, not noise
-    assert abs(samples.mean(dtype=float) - expected) < Z_LIMIT * samples.std() / 256 + 1e-6 * expected
 
 
 @pytest.mark.parametrize("distance, radius", [(2.0, 1.0), (1.001, 1.0), (100.0, 0.5), (1e4, 1e-2)])
@@ -183,14 +169,6 @@ def test_environment_rotation_and_scale() -> None:
     np.testing.assert_allclose(tilted.radiance(turned), plain.radiance(w) * np.float32([[2], [1], [0.5]]), atol=2e-5)
 
 
-def test_environment_of_one_channel() -> None:
-    """Shows what three equal channels show."""
-    texels, p = np.random.default_rng(6).random((4, 8, 1)), np.zeros((3, 64), np.float32)
-    grey, rgb = (EnvironmentLight(t, scale=(1, 2, 3)).sample(p, uniforms(64)) for t in (texels, texels.repeat(3, 2)))
-    for name in ("wi", "pdf", "radiance"):
-        np.testing.assert_array_equal(getattr(grey, name), getattr(rgb, name))
-
-
 def test_environment_of_a_colour() -> None:
     """A number or a colour shines alike from everywhere."""
     w = np.stack([polar(d, 77) for d in (10, 90, 170)], axis=1).astype(np.float32)
@@ -204,25 +182,6 @@ def test_environment_at_the_poles(wrap: Literal["clamp", "repeat"], towards_pole
     sky = EnvironmentLight(np.array([1.0, 0.0]).reshape(2, 1, 1), wrap=wrap)
     up_and_down = np.array([[0, 0], [0, 0], [1, -1]], np.float32)
     np.testing.assert_allclose(sky.radiance(up_and_down)[0], towards_poles, atol=1e-6)
-
-
-@pytest.mark.parametrize("rule", ["fixed:0", "fixed:0.5", "fixed:1"])
-@pytest.mark.parametrize("rows", [2, 32])
-def test_environment_of_a_bright_top_row(rows: int, rule: str) -> None:
-    """Radiance of a floor against quadrature in float64 of a sky that is even above the middle of the top row, and
-    falls linearly to 0 at the middle of the next one; within 4 standard errors.
-    """
-    texels = np.zeros((rows, 4, 1))
-    texels[0] = 1
-    scene = box_scene(matte(0.5), (EnvironmentLight(texels),), resolution=(32, 32), fov=20)
-    result = render(scene, rule, 1024, seed=1, sampler="independent", integrator="direct")
-    theta = (np.arange(100_000) + 0.5) * np.pi / 2e5
-    radiance = np.clip(1.5 - theta * rows / np.pi, 0, 1)
-    # E = 2 pi int L cos sin dtheta; the floor has the radiance E kd / pi
-    expected = (radiance * np.cos(theta) * np.sin(theta)).sum() * np.pi / 2e5
-    error = np.sqrt(result.variance.mean() / 32**2)
-    assert error < 0.006 * expected
-    assert abs(result.image.mean(dtype=float) - expected) < 4 * error
 
 
 @pytest.mark.parametrize("wrap", ["clamp", "repeat"])
@@ -390,37 +349,18 @@ ANY: Any = np.ones((1, 1, 3))
     "make, message",
     [
         (lambda: DiskLight(ORIGIN, (0, 0, 1), 0.0, WHITE), "radius must be positive"),
-        (lambda: DiskLight(ORIGIN, (0, 0, 1), np.nan, WHITE), "radius must be positive"),
         (lambda: DiskLight(ORIGIN, (0, 0, 0), 1.0, WHITE), "normal must not be zero"),
         (lambda: DiskLight(ORIGIN, (0, 0, 1), 1.0, (1, -1, 0)), "radiance must be finite, not negative"),
-        (lambda: DiskLight((0, 0), (0, 0, 1), 1.0, WHITE), "centre must be three finite"),
         (lambda: QuadLight(ORIGIN, (1, 0, 0), (2, 0, 0), WHITE), "must not be parallel"),
         (lambda: QuadLight((0, np.inf, 0), (1, 0, 0), (0, 1, 0), WHITE), "corner must be three finite"),
-        (lambda: SphereLight(ORIGIN, -1.0, WHITE), "radius must be positive"),
-        (lambda: SphereLight(ORIGIN, 1.0, (np.nan,) * 3), "radiance must be finite"),
         (lambda: MeshLight(np.zeros((3, 3)), np.array([[0, 1, 2]]), WHITE), "positive area"),
-        (
-            lambda: MeshLight(np.eye(3), np.array([[0, 1, 7]]), WHITE),
-            "faces must be indices from 0 to 2, .* got 0 to 7",
-        ),
-        (
-            lambda: MeshLight(np.eye(3), np.array([[0, 1, -1]]), WHITE),
-            "faces must be indices from 0 to 2, .* got -1 to",
-        ),
-        (
-            lambda: MeshLight(np.eye(3), np.zeros((0, 3), int), WHITE),
-            r"faces must be integers of shape \(F, 3\), F >= 1",
-        ),
+        (lambda: MeshLight(np.eye(3), np.array([[0, 1, 7]]), WHITE), "faces must be indices from 0 to 2"),
         (lambda: EnvironmentLight(np.ones((2, 2))), "texels must have shape"),
-        (lambda: EnvironmentLight((1, 2)), "texels must have shape"),
-        (lambda: EnvironmentLight((1, -1, 1)), "texels must be"),
         (lambda: EnvironmentLight(-np.ones((2, 2, 3))), "texels must be finite and not negative"),
-        (lambda: EnvironmentLight(np.full((2, 2, 3), np.nan)), "texels must be finite"),
         (lambda: EnvironmentLight(1e38 * ANY, scale=(1e10, 1, 1)), r"texels times scale must be below 3.4e38.*e\+47"),
         (lambda: EnvironmentLight(ANY, 2 * np.eye(3)), "to_world must be a 3x3 rotation"),
         (lambda: EnvironmentLight(ANY, wrap="mirror"), "wrap must be clamp or repeat; got 'mirror'"),  # type: ignore[arg-type]
         (lambda: EnvironmentLight(ANY, compensation=1.0), "compensation must be a number from 0 to 1, but less than 1"),
-        (lambda: PointLight((0, 0, np.nan), WHITE), "position must be three finite"),
         (lambda: PointLight(ORIGIN, (-1, 0, 0)), "intensity must be"),
         (lambda: SpotLight(ORIGIN, (0, 0, 1), WHITE, outer=20, inner=30), "need 0 <= inner <= outer"),
         (lambda: DistantLight((0, 0, 0), WHITE), "direction must not be zero"),

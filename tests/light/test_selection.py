@@ -11,8 +11,6 @@ from helpers import LEVEL, Z_LIMIT, script
 import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte, plastic, shiny_metal
-from dmis.estimator import trace
-from dmis.estimator.samples import Vertices
 from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
@@ -341,37 +339,3 @@ def test_where_paths_select_a_light() -> None:
     assert same(enough, integrator="path", max_depth=1) and same(enough, integrator="direct")
     line = f"  by paths, after the first scattering: a tree selects one of {DEEPER_LIGHTS} area lights"
     assert line in enough.describe() and line not in few.describe()
-
-
-def test_a_mirrored_path_has_not_scattered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the vertices after the wall those that the camera sees in the mirror sample each light, others select one."""
-    scene = random_scene(5, wall=shiny_metal(0.5, 0.5, 0.1))
-    met: list[Vertices] = []
-    monkeypatch.setattr(trace, "add_direct_light", lambda batch, vertices: met.append(vertices))
-    # only the wall is in front of the camera
-    eye = np.array([0.0, 1.9, 2.9])[:, None]
-    camera = Camera.look_at(tuple(eye[:, 0]), (0, 2, 2.8), fov=50, resolution=(24, 16))
-    dmis.render(replace(scene, camera=camera), "balance", 16, parallel=1, **PATHS)
-    scattered = mirrored = total = 0
-    for vertices in met:
-        if len(vertices.path) != 1:
-            assert vertices.path or vertices.scattered is False
-            continue
-        flip = np.array([1, -1, 1])[:, None]
-        image = vertices.surface.p * flip + np.array([0, 4, 0])[:, None]
-        off = np.linalg.norm(np.cross(image - eye, vertices.surface.wo * flip, axis=0), axis=0)
-        seen = off < 1e-3 * np.linalg.norm(image - eye, axis=0)
-        assert seen[~np.asarray(vertices.scattered)].all()
-        scattered += np.count_nonzero(vertices.scattered)
-        mirrored += np.count_nonzero(seen)
-        total += len(seen)
-    # glossy directions close to the mirror's are few
-    assert min(scattered, mirrored) > 100 and scattered + mirrored < 1.01 * total
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:scene scene. part:dmis.scene.scene.SceneWarning")  # a lamp in the ball
-@pytest.mark.parametrize("seed", range(12, 62))
-@pytest.mark.parametrize("name", SELECTIONS)
-def test_many_renders_agree_with_all_lights(seed: int, name: str) -> None:
-    check_against_all_lights(seed, name, ("balance", "fixed:1", "fixed:0")[seed % 3])
