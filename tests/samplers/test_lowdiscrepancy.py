@@ -108,18 +108,6 @@ def test_pixels_and_dimensions_are_uncorrelated(keys: tuple[tuple[int, ...], tup
     assert (np.abs(np.mean(products, axis=0)) < limit).all()
 
 
-def test_error_of_a_smooth_integrand_falls_faster_than_one_over_n() -> None:
-    """The MSE of the mean of a smooth function falls like n^-2 or faster, and that of random numbers like n^-1."""
-    counts = np.array([8, 32, 128, 512])
-    mse = []
-    for n in counts:
-        u = sampler(6, 400, int(n)).draw((0, 0, 0), None).reshape(2, n, 400)
-        value = np.exp(u[0]) * np.sin(np.pi * u[1])
-        mse.append(np.mean((value.mean(axis=0) - (np.e - 1) * 2 / np.pi) ** 2))
-    slope = np.polyfit(np.log(counts), np.log(mse), 1)[0]
-    assert slope < -2
-
-
 def test_late_bounces_have_random_numbers() -> None:
     """Vertices of a path from the fourth on are as uneven as random numbers: not one of 20 pixels has a net.
 

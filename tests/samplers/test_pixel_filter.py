@@ -125,14 +125,9 @@ def test_pixels_within_reach_of_something_are_sampled() -> None:
 
 
 def test_another_filter_is_another_scene() -> None:
-    """Checkpoints and references tell them apart; a crop keeps the filter; all rules have the same mean."""
+    """Checkpoints and references tell them apart; a crop keeps the filter."""
     scene = box_scene()
     camera = replace(scene.camera, filter=PixelFilter())
     filtered = replace(scene, camera=camera)
     assert fingerprint(scene) != fingerprint(filtered)
     assert camera.crop((2, 0, 6, 4)).filter == PixelFilter()
-    auto, balance = (
-        [dmis.render(filtered, rule, 32, seed=k, parallel=1).image.mean() for k in range(first, first + 30)]
-        for rule, first in (("auto", 0), ("balance", 100))
-    )
-    assert abs(z_score(auto, balance)) < Z_LIMIT

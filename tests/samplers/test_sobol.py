@@ -1,11 +1,10 @@
 """The sampler ``sobol``: evenness of each pair and of pairs together, the same bits however an image is cut, errors."""
 
 import itertools
-from math import factorial
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, pixel_shares
+from helpers import LEVEL, pixel_shares
 
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
@@ -151,20 +150,6 @@ def test_two_pairs_are_a_net(keys: tuple, t: int) -> None:
         assert [m - evenness_by_counting(u[:, : 2**m, pixel]) for pixel in range(2)] == [by_rank[m - 1]] * 2
 
 
-@pytest.mark.parametrize("n", [4, 8, 16, 32])
-def test_halves_of_pixel_and_lens(n: int) -> None:
-    """A quarter of n points is in the lower halves of pixel and lens; independent numbers deviate by (3 n / 16)^1/2.
-
-    With the same coordinate of both, or from 8 points on with any. Of 4 points with different ones the deviation is
-    1.15 times that: halves are three linear functions of two digits, and each pair needs two.
-    """
-    low = draws(("camera", (LENS,)), n, 4000) < 0.5
-    counts = (low[:2, None] & low[None, 2:]).sum(axis=2)  # coordinate of the pixel, of the lens, pixel
-    deviation = np.sqrt(np.square(counts - n / 4).mean(axis=-1)) / np.sqrt(3 * n / 16)
-    np.testing.assert_array_equal(deviation.diagonal(), 0)
-    np.testing.assert_allclose(deviation, 0, atol=1.16 if n == 4 else 0)
-
-
 @pytest.mark.parametrize("samples", [2, 4])
 def test_light_samples_of_a_camera_sample_are_neighbours(samples: int) -> None:
     """2^m camera samples with 2 or 4 light samples each are even together to 2^-(m-3), m up to 14."""
@@ -249,50 +234,7 @@ def test_keys_have_shifts_of_24_digits_of_their_own() -> None:
     assert len(np.unique(first)) == first.size and len(np.unique(digits(first) % 256)) > 200
 
 
-def test_errors_of_pixels_are_uncorrelated() -> None:
-    """Errors of neighbouring pixels, and of one pixel with two seeds, for an integrand with an edge."""
-    inside = [(u.sum(axis=0) < 2).mean(axis=0) - 0.5 for u in (draws(PATH[:2], 64, 20_000, seed) for seed in (1, 2))]
-    for a, b in ((inside[0], np.roll(inside[0], 1)), (inside[0], np.roll(inside[0], 200)), inside):
-        assert abs(np.corrcoef(a, b)[0, 1]) < Z_LIMIT / np.sqrt(20_000)
-
-
 # Errors --------------------------------------------------------------------------------------------------------------
-
-
-def half_space(coefficients: Array, bound: float) -> float:
-    """The volume of ``c . u < bound`` in the unit cube, by inclusion and exclusion of its corners."""
-    d = len(coefficients)
-    corners = np.array(list(itertools.product((0, 1), repeat=d)))
-    terms = (-1.0) ** corners.sum(axis=1) * np.maximum(bound - corners @ coefficients, 0) ** d
-    return float(terms.sum() / factorial(d) / np.prod(coefficients))
-
-
-def smooth(u: Array) -> Array:
-    """A product over all coordinates, with mean 1."""
-    return np.prod(0.5 + u, axis=0)
-
-
-EDGE = np.array([1, 0.7, 0.9, 0.6, 0.8, 0.5])
-
-
-@pytest.mark.parametrize(
-    ("pairs", "integrand", "mean", "slope"),
-    [
-        (2, smooth, 1.0, -1.7),
-        (2, lambda u: smooth(u[2:]) * (EDGE[:2] @ u[:2].swapaxes(0, 1) < 0.7), half_space(EDGE[:2], 0.7), -1.4),
-        (2, lambda u: np.tensordot(EDGE[:4], u, 1) < 1.5, half_space(EDGE[:4], 1.5), -1.1),
-        (3, smooth, 1.0, -1.5),
-        (3, lambda u: np.tensordot(EDGE, u, 1) < 2.2, half_space(EDGE, 2.2), -1.05),
-    ],
-    ids=["smooth", "edge in the pixel", "edge in four dimensions", "smooth path", "edge in six dimensions"],
-)
-def test_slope_of_the_error(pairs: int, integrand: object, mean: float, slope: float) -> None:
-    """The MSE falls like n^slope or faster from 8 to 4,096 samples, where independent samples have n^-1."""
-    counts = 2 ** np.arange(3, 13)
-    values = integrand(draws(PATH[:pairs], 4096, 400))  # type: ignore[operator]
-    mse = [np.mean((values[:n].mean(axis=0) - mean) ** 2) for n in counts]
-    assert np.polyfit(np.log(counts), np.log(mse), 1)[0] < slope
-    assert mse[-1] < 0.25 * values.var() / 4096
 
 
 @pytest.mark.parametrize("bounces", range(5))

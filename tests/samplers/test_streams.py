@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, Watched, image_tile, mean_and_error, pixel_shares
+from helpers import LEVEL, Z_LIMIT, image_tile, mean_and_error, pixel_shares
 from scipy.stats import kstest
 
 from dmis import render
@@ -165,49 +165,7 @@ def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
         np.testing.assert_array_equal((parts_ * 4).astype(int), (whole * 4).astype(int))
 
 
-def test_index_and_number_pick_points() -> None:
-    """`index` picks samples of the block; `number` picks the place in their pixel's sequence."""
-    sampler = sampler_of("sobol", 7, 16)
-    start(sampler, 0, 16, 7)
-    everything = sampler.draw((0, 0), None)
-    index = np.array([3, 50, 111])
-    np.testing.assert_array_equal(sampler.draw((0, 0), index), everything[:, index])
-    number = np.array([4, 4, 0])
-    np.testing.assert_array_equal(sampler.draw((0, 0), index, number), everything[:, number * 7 + index % 7])
-
-
 # The technique pattern and the camera's sequence -------------------------------------------------------------------
-
-
-@each_kind
-@pytest.mark.parametrize("w", [0.25, 0.5, 0.75])
-def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
-    """The division between techniques does not alias with the camera's sequence.
-
-    Light samples at w of the slots; over 400 pixels the points they start from are evenly in the left and the right
-    half of the pixel, and in the upper and the lower: a two-sided binomial test. With systematic division and
-    structured samples few pixels have all their light samples on one side; at random an eighth would at w = 1/4.
-    """
-    light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
-    scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(5, 5), fov=10, target=(0, 1e-4, 0))
-    settings = Settings(shading_samples=1, sampler=kind)
-    sides = []
-    for seed in range(16):
-        watch = Watched(scene.intersector)
-        round_ = Round(16, pixel_shares(np.full(25, w)), settings)
-        render_tile(scene, image_tile(scene, seed, round_), watch)
-        # the first query is the light technique's: it goes first
-        place = (watch.origins[0][:2] / (4 * np.tan(np.radians(5))) + 1) * 5 / 2
-        column, row = np.clip(place.astype(int), 0, 4)
-        upper = (place % 1 > 0.5).astype(float)
-        sides.append([np.bincount(5 * row + column, weights, 25) for weights in (*upper, np.ones_like(upper[0]))])
-    sides_ = np.concatenate(sides, axis=1).T
-    total = sides_[:, 2].sum()
-    assert abs(total - 400 * 16 * w) <= 400
-    for axis in (0, 1):
-        assert abs(sides_[:, axis].sum() - total / 2) < Z_LIMIT * np.sqrt(total) / 2
-        if kind != "independent":
-            assert ((sides_[:, axis] > 0) & (sides_[:, axis] < sides_[:, 2])).mean() > 0.9
 
 
 @each_kind

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from helpers import LEVEL, grid_uniforms
+from helpers import grid_uniforms
 
 from dmis.base.vectors import Array, dot
 from dmis.samplers import warp
-from dmis.testing.sphere import angles, polar, uniforms
-from dmis.testing.statistics import chi2_p
+from dmis.testing.sphere import polar, uniforms
 
 
 @dataclass(frozen=True)
@@ -134,45 +133,6 @@ def test_corners_are_finite_and_of_unit_length(name: str, corner: tuple[float, f
         assert (w >= 0).all() and w.sum() <= 1 + 1e-6
     else:
         assert np.hypot(*w) <= 1 + 1e-6
-
-
-@each_map
-def test_chi2(name: str) -> None:
-    """Float32 results fall into equal cells of the domain as often as the density says.
-
-    The cells are cut in the domain's own coordinates in float64, not by the inverse map.
-    """
-    m, count = MAPS[name], 2**17
-    w = m.forward(uniforms(count)).astype(float)
-    if name == "triangle":
-        # (b1 + b2) and b2 / (b1 + b2) cut it into strips of area s ds
-        total = w.sum(axis=0)
-        edges = np.linspace(0, 1, 13)
-        observed = np.histogram2d(total, w[1] / total, [edges, edges])[0]
-        expected = np.outer(np.diff(edges**2), np.diff(edges))
-    elif name == "disk":
-        r, phi = np.hypot(*w), np.arctan2(w[1], w[0]) % (2 * np.pi)
-        rings, sectors = np.linspace(0, 1, 13), np.linspace(0, 2 * np.pi, 13)
-        observed = np.histogram2d(r, phi, [rings, sectors])[0]
-        expected = np.outer(np.diff(rings**2), np.full(12, 1 / 12))
-    else:
-        theta, phi = angles(w, np.array([0.0, 0.0, 1.0]))
-        height = 2 * np.sin(theta / 2) ** 2  # 1 - cos theta
-        top = {"sphere": 2.0, "hemisphere": 1.0, "cosine": 1.0}.get(name)
-        if name.startswith("cone"):
-            top = float(name.split()[1])
-        if top is not None:
-            rings = np.linspace(0, top * (1 + 1e-6), 13)
-            cdf = {"cosine": lambda h: 1 - (1 - h) ** 2}.get(name, lambda h: h / top)
-        else:
-            e = float(name.split()[1])
-            rings = np.append(np.linspace(0, min(6 / (e + 1), 1), 13), 2.0)
-            cdf = lambda h: 1 - np.maximum(1 - h, 0) ** (e + 1)  # noqa: E731
-        sectors = np.linspace(0, 2 * np.pi, 13)
-        observed = np.histogram2d(height, phi, [rings, sectors])[0]
-        expected = np.outer(np.diff(np.minimum(cdf(rings), 1)), np.full(12, 1 / 12))
-    assert observed.sum() == count
-    assert chi2_p(observed, expected * count) > LEVEL
 
 
 @pytest.mark.parametrize("exponent", [1.0, 10.0, 500.0, 1e4])
