@@ -89,15 +89,6 @@ def test_names_of_lights(script) -> None:
         assert {light for light, _, surface in sources if surface == 2} == second
 
 
-def test_caustic_is_no_edge(script) -> None:
-    """A lamp that shines upwards alone, on a mirror: a floor below has light of scattered paths only."""
-    lamp = replace(ABOVE, edge_u=ABOVE.edge_v, edge_v=ABOVE.edge_u)
-    mirror = dmis.Part(quad((-3, -3, 3), (0, 6, 0), (6, 0, 0)), dmis.mirror())
-    scene = box_scene(dmis.matte(0.5), (lamp,), (mirror, dmis.light_part(lamp)))
-    sources = script["explain"](scene, (12, 8), 1024, rules=(), integrator="path", max_depth=4)["sources"]
-    assert sources[script["FURTHER"]] == pytest.approx([1, 1]) and sources[script["SEEN"]] == [0, 0]
-
-
 def test_pixel_without_noise(script, capsys) -> None:
     """A sun has none; it is printed and drawn all the same."""
     why = script["explain"](box_scene(dmis.matte(0.5), (dmis.DistantLight((0, 0, -1), (1, 1, 1)),)), (3, 3), 64)

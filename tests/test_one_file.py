@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import importlib.util
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +12,8 @@ import pytest
 pytest.importorskip("matplotlib")
 
 import dmis
-from dmis.base.vectors import dot, frame
-from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.phong import Lafortune
-from dmis.estimator.mis import balance
 from dmis.fit.round import Pilot
 from dmis.geometry import shapes, transforms
 from dmis.variance.moments import Moments
@@ -90,36 +86,6 @@ def test_one_file_has_the_weights_of_the_rule(one) -> None:
     np.testing.assert_allclose(y, fit.maps["variances"], rtol=1e-9)
     np.testing.assert_allclose(raw, fit.maps["raw"], atol=1e-6)
     np.testing.assert_allclose(filtered, fit.maps["filtered"], atol=1e-6)
-
-
-@pytest.mark.parametrize("w", [0.0, 0.3, 1.0])
-def test_one_file_weighs_samples_as_dmis(one, scene, monkeypatch, w) -> None:
-    """Densities are those of dmis's lobes and lamp, and samples count as by the heuristic `balance` with the tilt w."""
-    integrand, total, shares = one.integrand, [], (w, 1 - w)
-
-    def checked(points, wi):
-        k = len(total)
-        f, p_l, p_b = integrand(points, wi)
-        p, n, direction = (a.astype(np.float32) for a in (points.p, points.n, wi))
-        wo = 2 * dot(points.n, points.mirror) * points.n - points.mirror
-        surface = SimpleNamespace(n=n, wo=wo.astype(np.float32), cos_o=dot(n, wo), tangents=frame(n))
-        directions = Directions(surface, direction)
-        pdf = scene.lights[0].hit(p, direction).pdf
-        same = (p_l > 0) == (pdf > 0)
-        assert same.mean() > 0.99  # rounding at the lamp's edge
-        np.testing.assert_allclose(p_l[same], pdf[same], rtol=1e-3)
-        lobes = Lambert(np.ones(3)), Lafortune(np.ones(3), points.e.astype(np.float32))
-        expected = sum(lobe.pdf(directions) for lobe in lobes) / 2
-        above = directions.above  # elsewhere f is 0
-        np.testing.assert_allclose(p_b[above], expected[above], rtol=5e-3, atol=1e-4)
-        densities = np.float32(w) * p_l, np.float32(1 - w) * p_b
-        total.append(shares[k] * f * balance(densities, k))
-        return f, p_l, p_b
-
-    monkeypatch.setattr(one, "integrand", checked)
-    sample = one.camera_sample(SHAPE, w, np.random.default_rng(4))
-    assert len(total) == 2 and sample.any()
-    np.testing.assert_allclose(sample, sum(total).T.reshape(sample.shape), rtol=1e-5)
 
 
 def test_one_file_draws(one, tmp_path, capsys) -> None:

@@ -33,16 +33,6 @@ def test_planted_minimum(minimum: float, curvature: float, floor: float) -> None
     assert status in (code("minimum"), code("clipped"))  # at the very ends rounding decides
 
 
-def test_closed_form() -> None:
-    """``a2 = 2 (y0 + y1 - 2 yh)``, ``a1 = -3 y0 + 4 yh - y1``, minimum ``-a1 / (2 a2)``: thesis Eqs. 3.2-3.5."""
-    y = np.random.default_rng(1).random((3, 1000)) + np.array([[1], [0], [1]])
-    y0, yh, y1 = y
-    a2, a1 = 2 * (y0 + y1 - 2 * yh), -3 * y0 + 4 * yh - y1
-    weight, status = parabola_minimum(PILOT, y)
-    assert (a2 > 0).all() and (status <= 1).all()
-    np.testing.assert_allclose(weight, np.clip(-a1 / (2 * a2), 0, 1), atol=1e-12)
-
-
 def test_exact_parabola_of_a_monotone_curve_cannot_lose() -> None:
     """Of three variances that fall the weight is at least 3/4, or 1 without a minimum; alike of three that rise."""
     y = -np.sort(-(np.random.default_rng(3).exponential(size=(3, 10_000)) ** 4), axis=0)
@@ -50,22 +40,6 @@ def test_exact_parabola_of_a_monotone_curve_cannot_lose() -> None:
         weight, status = parabola_minimum(PILOT, curve)
         weight = 1 - weight if mirror else weight
         assert set(np.unique(status)) == {0, 1, 2} and (weight[status == 2] == 1).all() and weight.min() > 0.75 - 1e-9
-
-
-def test_exact_parabola_of_a_convex_curve_loses_little() -> None:
-    """V(w) - V(1/2) is at most half of what the higher end of its side has beyond V(1/2) (theory-extensions.md)."""
-    rng = np.random.default_rng(4)
-    light, brdf = rng.exponential(size=(2, 8, 10_000)) ** 3 + 1e-3
-
-    def variance(w: Array | float) -> Array:  # a sum of f^2 / p_w: convex
-        return (1 / (w * light + (1 - w) * brdf)).sum(axis=0)
-
-    y = np.stack([variance(w) for w in PILOT])
-    weight, _ = parabola_minimum(PILOT, y)
-    side = np.where(weight > 0.5, y[2], y[0])
-    excess = variance(weight) - y[1]
-    assert (excess <= 0.5 * np.maximum(side - y[1], 0) + 1e-9 * y[1]).all()
-    assert (excess > 0).any() and ((y[0] > y[1]) & (y[2] > y[1])).mean() > 0.2
 
 
 def test_least_squares_of_more_points() -> None:
@@ -100,17 +74,6 @@ def test_what_happened(variance: list[float], weight: float, status: str) -> Non
     assert got == pytest.approx(weight, abs=1e-12) and STATUS[int(number)] == status
 
 
-def test_shapes() -> None:
-    """Any trailing shape comes back, and entries do not influence each other."""
-    y = np.random.default_rng(3).random((3, 4, 5))
-    y[:, 1, 2] = np.nan
-    weight, status = parabola_minimum(PILOT, y)
-    assert weight.shape == status.shape == (4, 5) and status.dtype == np.int8
-    for i, j in np.ndindex(4, 5):
-        assert parabola_minimum(PILOT, y[:, i, j])[0] == pytest.approx(weight[i, j], abs=1e-12)
-    assert ((weight >= 0) & (weight <= 1)).all()
-
-
 def test_three_distinct_weights_are_needed() -> None:
     """Two weights, however often, make no parabola."""
     with pytest.raises(ValueError, match="at least three distinct weights"):
@@ -135,18 +98,6 @@ def test_thesis_recovers_planted_weights(shape: tuple[int, int], patch: int) -> 
     assert np.shape(fit.weight) == shape
     np.testing.assert_allclose(fit.maps["filtered"], patch_mean(minimum, patch), atol=1e-12)
     assert not fit.maps["status"].any()
-
-
-def test_thesis_filters_the_weights_of_patches() -> None:
-    """The Gaussian keeps a constant map, smooths a step, and stays within it."""
-    constant = Thesis(4).fit(pilot(np.full((32, 32), 0.3)))
-    np.testing.assert_allclose(constant.weight, 0.3, atol=1e-12)
-    step = np.where(np.arange(32) < 16, 0.2, 0.8)[None, :].repeat(32, 0)
-    fit = Thesis(4).fit(pilot(step))
-    weight = np.asarray(fit.weight)
-    np.testing.assert_allclose(fit.maps["raw"][0], [0.2] * 4 + [0.8] * 4, atol=1e-12)
-    assert (np.diff(weight[0]) >= -1e-12).all() and 0.2 < weight[0, 15] < 0.5 < weight[0, 16] < 0.8
-    assert weight[0, 0] == pytest.approx(0.2) and weight[0, -1] == pytest.approx(0.8)
 
 
 def test_black_patches_get_one_half() -> None:
