@@ -120,7 +120,3 @@ class SelectedLights(SampledLight):
         ng = None if self.ng is None else self.ng[:, index]
         light_sample.pdf[index] *= self.selection.probability(p[:, index], ng, piece).astype(np.float32)
         return light_sample
-
-    def hides_itself(self) -> bool:
-        """Return True: one light may stand before another."""
-        return True
