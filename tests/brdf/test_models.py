@@ -102,7 +102,7 @@ def test_albedos_of_the_page() -> None:
 
 
 NARROW = [*itertools.product((dmis.ward, dmis.cook_torrance, dmis.ggx), ((1e-3, 30.0), (1e-3, 85.0), (3e-4, 60.0)))]
-NARROW += [(dmis.torrance_sparrow, case) for case in ((500, 89.0), (1e4, 80.0), (1e4, 89.0))]
+NARROW += [(dmis.torrance_sparrow, case) for case in ((500, 89.0), (1e4, 89.0), (1e8, 60.0))]
 
 
 @pytest.mark.parametrize("make, case", NARROW)
