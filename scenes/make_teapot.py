@@ -124,7 +124,6 @@ def bezier_patches(control: npt.ArrayLike, divisions: int = 16) -> Mesh:
     length = np.linalg.norm(normal, axis=3, keepdims=True)
     least = 1e-9 * length.max(axis=(1, 2), keepdims=True)
     normal = np.where(length > least, normal, growth)
-    normal[np.linalg.norm(normal, axis=3) <= least[..., 0]] = 0
     return grid(derivative(0, 0), normal, np.stack(np.broadcast_arrays(t[:, None], t), axis=2))
 
 

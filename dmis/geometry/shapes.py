@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from dmis.base.validate import direction, positive, vector, whole
 from dmis.base.vectors import Floats
-from dmis.geometry.mesh import Mesh, vertex_normals, weld
+from dmis.geometry.mesh import Mesh, weld
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def grid(points: Floats, normals: Floats | None, uv: Floats) -> Mesh:
     """Triangulate a grid of points (A, B, 3), or P of them (P, A, B, 3); outside is the first axis times the second.
 
     Points equal up to rounding become equal, so that no ray passes between triangles; triangles that lose their area
-    are dropped. A zero normal is replaced by the mean of the triangles' normals.
+    are dropped.
     """
     index = np.arange(points.size // 3).reshape(-1, *uv.shape[:2])
     a, b, c, d = index[:, :-1, :-1], index[:, 1:, :-1], index[:, 1:, 1:], index[:, :-1, 1:]
@@ -135,8 +135,5 @@ def grid(points: Floats, normals: Floats | None, uv: Floats) -> Mesh:
     same = weld(points)
     corner = same[faces]
     faces = faces[(corner != np.roll(corner, 1, axis=1)).all(axis=1)]
-    if normals is not None:
-        normals = normals.reshape(-1, 3)
-        if not (nonzero := normals.any(axis=1, keepdims=True)).all():
-            normals = np.where(nonzero, normals, vertex_normals(points, faces))
+    normals = None if normals is None else normals.reshape(-1, 3)
     return Mesh(points[same], faces, normals, np.tile(uv.reshape(-1, 2), (len(index), 1)))
