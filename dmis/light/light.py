@@ -184,30 +184,30 @@ class DeltaLight(Light, Protocol):
 
 
 def check_light_form(light: Any) -> None:
-    """Raise a ValueError if a light lacks a method that has no default, or one returns values of the wrong form.
+    """Raise a ValueError if a light that is not shipped lacks a method, or one returns values of the wrong form.
 
-    The methods of a light that is not shipped are called for two points.
+    Its methods are called for two points.
     """
+    if is_shipped(type(light)):
+        return
     if light.delta:
         check_methods(light, DeltaLight, ["sample"])
     else:
         check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
         if not light.infinite and not hasattr(light, "radiance"):
             check_methods(light, AreaLight, ["emission", "brightness"])
-    textured = getattr(light, "textured", False)
-    if textured or not is_shipped(type(light)):
-        light = checked_light(light, textured)
-        with np.errstate(all="ignore"):  # a point may be a special one of the light
-            number(f"{type(light).__name__}.brightness(length)", light.brightness(1.0), 0)
-            if light.delta:
-                light.sample(_PROBE_POINTS)
-                return
-            if light.infinite:
-                light.radiance(_DIRECTIONS)
-            elif not isinstance(getattr(light, "radiance", None), Image):  # which is looked up at texture coordinates
-                light.emission(_PROBE_POINTS)
-            light.hit(_PROBE_POINTS, _DIRECTIONS)  # first, because `sample` may call it
-            light.sample(_PROBE_POINTS, _NUMBERS)
+    light = checked_light(light)
+    with np.errstate(all="ignore"):  # a point may be a special one of the light
+        number(f"{type(light).__name__}.brightness(length)", light.brightness(1.0), 0)
+        if light.delta:
+            light.sample(_PROBE_POINTS)
+            return
+        if light.infinite:
+            light.radiance(_DIRECTIONS)
+        elif not isinstance(getattr(light, "radiance", None), Image):  # which is looked up at texture coordinates
+            light.emission(_PROBE_POINTS)
+        light.hit(_PROBE_POINTS, _DIRECTIONS)  # first, because `sample` may call it
+        light.sample(_PROBE_POINTS, _NUMBERS)
 
 
 def check_light_sample(

@@ -14,7 +14,6 @@ from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
-from dmis.light.light import check_light_form
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
 from dmis.light.selection import select_lights
@@ -332,14 +331,6 @@ def test_pickling(name: str) -> None:
     again = pickled(LIGHTS[name])
     np.testing.assert_array_equal(again.sample(points, uniforms(200)).wi, light_sample.wi)
     np.testing.assert_array_equal(again.hit(points, light_sample.wi).pdf, LIGHTS[name].hit(points, light_sample.wi).pdf)
-
-
-def test_radiance_of_images_has_three_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scene refuses a light of an image that returns others."""
-    check_light_form(LIGHTS["grey image"])
-    monkeypatch.setattr(MeshLight, "_emitted", lambda self, index, a, b: np.ones((1, np.size(a)), np.float32))
-    with pytest.raises(ValueError, match=r"^MeshLight.hit: radiance must be .*; got shape \(1, 2\)"):
-        check_light_form(LIGHTS["grey image"])
 
 
 ANY: Any = np.ones((1, 1, 3))
