@@ -19,8 +19,6 @@ from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.scene.groups import Part, bind
-from dmis.testing.lobe import check_lobe
-from dmis.testing.outcome import require
 from dmis.testing.scenes import FLOOR, box_scene, surface
 from dmis.testing.sphere import polar, uniforms
 
@@ -186,13 +184,6 @@ def test_random_walks_over_metal(alpha: float, coat: tuple, spread: tuple, angle
     assert got.mean() == pytest.approx(weight.mean(), rel=0.02, abs=Z_LIMIT * weight.std() / np.sqrt(count))
     one, other = (np.histogram2d(*w[:2], 12, [[-1, 1]] * 2, weights=x)[0] for w, x in ((wi, weight), (samples, got)))
     assert np.abs(one / one.sum() - other / other.sum()).sum() / 2 < spread[angle]
-
-
-@pytest.mark.parametrize("alpha, coat_alpha", [(0.1, 0.0), (0.3, 0.2), (0.0, 0.2)])
-def test_checks_of_coated_metal(alpha: float, coat_alpha: float) -> None:
-    """Samples, densities, energy (of metal that absorbs next to nothing), symmetry, renders."""
-    white = (1.0, 1.0, 1.0), (1e3, 1e3, 1e3)
-    require(check_lobe(CoatedConductor(white, alpha, 1.5, coat_alpha), f"metal {alpha} coat {coat_alpha}"))
 
 
 @pytest.mark.parametrize("eta", [1.0, 1.5, 4.0])

@@ -21,13 +21,7 @@ from dmis.testing.scenes import surface
 from dmis.testing.sphere import polar, uniforms
 
 MIXTURES = {
-    "matte": matte(0.5),
-    "rough matte": matte(0.5, 30),
     "plastic": plastic(0.3, 0.4, 0.02),
-    "swapped plastic": plastic(0.3, 0.4, 0.1, 1 / 1.5),
-    "metal": metal(roughness=0.002),
-    "shiny metal": shiny_metal(0.8, 0.5, 0.05),
-    "substrate": substrate((0.2, 0.4, 0.2), 0.5, 0.05, 0.05),
     "anisotropic substrate": substrate((0.2, 0.4, 0.2), 0.5, 0.02, 0.1),
     "uber": uber(0.3, 0.3, 0.2, 0.2, 0.01, opacity=0.7),
 }

@@ -1,4 +1,4 @@
-"""The models of the literature: sampling, densities, energy, symmetry, closed forms, and agreement in renders."""
+"""Lobes of all models: sampling, densities, energy, symmetry, closed forms, and agreement in renders."""
 
 import itertools
 import re
@@ -23,6 +23,12 @@ from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
 
 MODELS = {
+    "lambert": dmis.matte(1.0),
+    "oren-nayar 20": dmis.matte(1.0, 20),
+    "oren-nayar 90": dmis.matte(1.0, 90),
+    "blinn 500": dmis.metal(roughness=0.002),
+    "substrate 50": dmis.substrate(1.0, 0.5, 0.02, 0.02),
+    "substrate 300 8": dmis.substrate(1.0, 0.5, 1 / 300, 1 / 8),
     "phong 5": dmis.phong(0, 1, 5),
     "phong 1000": dmis.phong(0, 1, 1000),
     "lafortune off-specular": dmis.lafortune(0, 1, 30, c_n=0.7),
@@ -34,7 +40,9 @@ MODELS = {
     "ward 0.1 0.4": dmis.ward(0, 1, 0.1, 0.4),
     "ashikhmin-shirley 20": dmis.ashikhmin_shirley(0.6, 0.3, 20),
     "ashikhmin-shirley 10 300": dmis.ashikhmin_shirley(0.6, 0.3, 10, 300),
+    "torrance-sparrow 10": dmis.torrance_sparrow(0, 1, 10),
     "torrance-sparrow 20": dmis.torrance_sparrow(0, 1, 20, Dielectric(1.5)),
+    "torrance-sparrow 1e4": dmis.torrance_sparrow(0, 1, 1e4, Dielectric(1.5)),
     "cook-torrance 0.1": dmis.cook_torrance(0, 1, 0.1),
     "cook-torrance 0.5": dmis.cook_torrance(0, 1, 0.5, fresnel=Dielectric(1.5)),
     "cook-torrance 0.4 0.1": dmis.cook_torrance(0, 1, 0.4, 0.1),
@@ -43,7 +51,14 @@ MODELS = {
     "ggx 1": dmis.ggx(0, 1, 1.0),
     "ggx 0.05 0.5": dmis.ggx(0, 1, 0.05, 0.5),
     "ggx over lambert": dmis.ggx(0.4, 0.5, 0.2),
-    "coated diffuse 0.3": dmis.coated_diffuse(0.9, 0.3),
+    "rough glass 0.05": dmis.rough_glass(alpha=0.05),
+    "rough glass 0.8": dmis.rough_glass(alpha=0.8, eta=1.3),
+    "rough glass 0.4 0.1": dmis.rough_glass(alpha=0.4, alpha_v=0.1),
+    "coated diffuse": dmis.coated_diffuse(1.0),
+    "coated diffuse 0.3": dmis.coated_diffuse(0.9, 0.3, 1.7, 0.1, 5),
+    "coated metal 0.1": dmis.coated_conductor(1, 1e3, 0.1),  # it absorbs next to nothing
+    "coated metal 0.3 0.2": dmis.coated_conductor(1, 1e3, 0.3, 0.2),
+    "coated metal 0 0.2": dmis.coated_conductor(1, 1e3, 0.0, 0.2),
     "metallic-roughness 0.6": dmis.metallic_roughness((0.9, 0.5, 0.2), 0.5, 0.6),
 }
 each_model = pytest.mark.parametrize("name", MODELS)

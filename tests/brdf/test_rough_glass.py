@@ -17,25 +17,7 @@ from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.tile import render_tile
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
-from dmis.testing.lobe import check_lobe
-from dmis.testing.outcome import require
 from dmis.testing.scenes import FLOOR, box_scene
-
-GLASS = {
-    "0.05": dmis.rough_glass(alpha=0.05),
-    "0.3": dmis.rough_glass(alpha=0.3),
-    "0.8": dmis.rough_glass(alpha=0.8, eta=1.3),
-    "0.4 0.1": dmis.rough_glass(alpha=0.4, alpha_v=0.1),
-}
-each_glass = pytest.mark.parametrize("name", GLASS)
-
-
-@each_glass
-def test_checks(name: str) -> None:
-    """Samples, densities, energy, symmetry, finite values from both sides, renders."""
-    for lobe in GLASS[name].lobes:
-        require(check_lobe(lobe, name))
-
 
 # Scenes -------------------------------------------------------------------------------------------------------------
 

@@ -259,17 +259,6 @@ def test_loop_boundary_tangents_on_a_regular_half_ring():
     np.testing.assert_array_equal(masks[4, :4].imag, [-1, 2, 2, -1])
 
 
-def test_loop_parts_do_not_see_each_other_and_loose_vertices_stay():
-    v, f = OCTAHEDRON
-    vertices = np.concatenate([v, [[7, 7, 7]], v + 5])
-    mesh = loop_subdivide(vertices, np.concatenate([f, f + len(v) + 1]), 2)
-    alone = loop_subdivide(v, f, 2)
-    corners = mesh.vertices[mesh.faces]
-    np.testing.assert_allclose(corners[: alone.triangles], alone.vertices[alone.faces], atol=1e-12)
-    np.testing.assert_allclose(corners[alone.triangles :], alone.vertices[alone.faces] + 5, atol=1e-12)
-    np.testing.assert_array_equal(mesh.vertices[len(v)], [7, 7, 7])
-
-
 # Bézier patches and quadrics
 
 

@@ -1,10 +1,8 @@
 """The sampler ``lowdiscrepancy``: nets of each pixel and dimension, shuffled, and what it does for an integral."""
 
-import itertools
-
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, image_tile, pixel_shares
+from helpers import LEVEL, image_tile, pixel_shares
 
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
@@ -87,25 +85,6 @@ def test_orders_are_uniform() -> None:
         observed = np.bincount(rank[0] * 4 + rank[1], minlength=16).reshape(4, 4)
         observed = observed[~np.eye(4, dtype=bool)]
         assert chi2_p(observed, np.full(12, order.shape[-1] / 12)) > LEVEL
-
-
-@pytest.mark.parametrize("keys", [((0, 0), (0, 0)), ((0, 0), (0, 1)), ((0, 0), (0, -1, 0))])
-def test_pixels_and_dimensions_are_uncorrelated(keys: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
-    """Sample by sample, two pixels (equal keys) or two dimensions of one pixel are uncorrelated, in all coordinates.
-
-    A correlation of n pairs has standard deviation n^-1/2 over the random scrambles and orders; in one pixel the sums
-    of a net are more even than chance, so this is an upper bound.
-    """
-    products = []
-    for seed in range(100):
-        source = sampler(seed, 40, 8, 8)
-        first, second = (
-            np.stack([source.draw_block(key, None, i, 4).reshape(2, 8, 40) for i in range(4)]) - 0.5 for key in keys
-        )
-        second = np.roll(second, 1, axis=-1) if keys[0] == keys[1] else second
-        products.append([np.mean(first[:, a] * second[:, b]) * 12 for a, b in itertools.product((0, 1), repeat=2)])
-    limit = Z_LIMIT / np.sqrt(100 * 40 * 32)
-    assert (np.abs(np.mean(products, axis=0)) < limit).all()
 
 
 def test_late_bounces_have_random_numbers() -> None:

@@ -158,12 +158,6 @@ def test_light_samples_of_a_camera_sample_are_neighbours(samples: int) -> None:
         assert evenness_by_rank(columns, [m] * 4) >= m - 3
 
 
-def test_same_order_for_all_pairs_is_seen() -> None:
-    """Two pairs at the same point are as uneven as can be, which both measures say: t = m - 1."""
-    u = draws((LIGHT, (1, 0)), 2**8, 1)[..., 0]
-    assert evenness_by_counting(u) == 1 == evenness_by_rank(generator_columns((LIGHT, (1, 0)), 8), [8] * 4)
-
-
 def test_orders_along_a_path() -> None:
     """Pairs that meet in a product have orders of their own; those of one vertex share one."""
     assert [order_of(key) for key in ((), *PATH[1:])] == [0, 1, 2, 3, 4]

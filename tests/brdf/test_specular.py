@@ -1,54 +1,16 @@
-"""Lobes: sampling, densities, energy, symmetry, and the values that pbrt-v2's own classes print."""
+"""Mirrors and smooth glass: directions and factors in closed form."""
 
 import numpy as np
 import pytest
 
 from dmis.base.vectors import dot
-from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.diffuse import Lambert, OrenNayar
-from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.fresnel import Conductor, Dielectric
 from dmis.brdf.materials import Material
-from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
-from dmis.testing.lobe import check_lobe
-from dmis.testing.outcome import require
 from dmis.testing.scenes import surface
 from dmis.testing.sphere import polar
 
 GOLD = Conductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
-"""Index and absorption of gold as pbrt-v2 makes RGB of its measured spectra."""
-
-LOBES = {
-    "lambert": Lambert(1.0),
-    "oren-nayar 20": OrenNayar(1.0, 20.0),
-    "oren-nayar 90": OrenNayar(1.0, 90.0),
-    "blinn 10": Microfacet(1.0, Blinn(10.0)),
-    "blinn 10 dielectric": Microfacet(1.0, Blinn(10.0), Dielectric(1.5)),
-    "blinn 500 gold": Microfacet(1.0, Blinn(500.0), GOLD),
-    "blinn 1e4": Microfacet(1.0, Blinn(1e4)),
-    "blinn 1e4 dielectric": Microfacet(1.0, Blinn(1e4), Dielectric(1.5)),
-    "anisotropic 20 200": Microfacet(1.0, Anisotropic(20.0, 200.0)),
-    "blend base": BlendBase(1.0, 0.2),
-    "blend coat blinn": BlendCoat(0.5, Blinn(50.0)),
-    "blend coat anisotropic": BlendCoat(0.5, Anisotropic(300.0, 8.0)),
-    "coated base": CoatedBase(1.0),
-    "coated base rough": CoatedBase(0.9, 1.7, 0.3, 0.1, 5),
-}
-each_lobe = pytest.mark.parametrize("name", LOBES)
-
-
-@each_lobe
-def test_checks(name: str) -> None:
-    """Samples, densities, energy, symmetry, finite values, renders."""
-    require(check_lobe(LOBES[name], name))
-
-
-# Values that pbrt-v2 prints -----------------------------------------------------------------------------------------
-
-
-# Delta lobes --------------------------------------------------------------------------------------------------------
 
 
 def specular(degrees: float, outside: bool, *lobes: SpecularReflection | SpecularTransmission) -> tuple:
