@@ -45,6 +45,13 @@ def run(run_script, cache, monkeypatch):  # noqa: F811
     return lambda script, *arguments: run_script(script, "--quick", *arguments)
 
 
+@pytest.fixture
+def score_tables(monkeypatch):
+    """The module that makes the tables of the reproduction."""
+    monkeypatch.syspath_prepend(ROOT / "examples" / "thesis")
+    return importlib.import_module("score_tables")
+
+
 def run_process(script: Path, cache: Path, *arguments: str | Path, scenes: Path | None = None) -> str:
     """Run a script at its quick size in a process of its own; return what it prints."""
     environment = {**os.environ, "DMIS_CACHE": str(cache)}
@@ -76,6 +83,14 @@ def check(picture: Path) -> None:
 def test_every_figure_of_the_thesis_has_its_script():
     """A reader of the thesis finds them by number."""
     assert all(any(f"plot_{name}" in script.stem for script in FIGURES) for name in THESIS)
+
+
+def test_figures_of_the_thesis_show_the_fit():
+    """Scripts that call the library's fit print its code at the end of a cell, below which the site has it, too."""
+    texts = [path.read_text("utf-8") for path in FIGURES if path.parent.name == "thesis"]
+    fits = [text for text in texts if "parabola_minimum" in text]
+    assert len(fits) == 6
+    assert all(re.search(r"^print\(getsource\(parabola_minimum\)\)\n\n# %%", text, re.M) for text in fits)
 
 
 @pytest.mark.examples
@@ -192,10 +207,8 @@ def planted_results(path: Path, blocks: dict[str, np.ndarray]) -> None:
     path.write_text("\n".join([",".join(fields), *lines]) + "\n", "utf-8")
 
 
-def test_tables_of_planted_errors(tmp_path, monkeypatch):
+def test_tables_of_planted_errors(score_tables, tmp_path, monkeypatch):
     """Ratios, intervals, scores, bounds and seconds by hand."""
-    import score_tables
-
     rng = np.random.default_rng(3)
     balance, shares = rng.exponential(1e-5, (2, 2, 50))
     blocks = {"balance": balance, "tilt": 2 * balance, "shares": shares, "patch 4": balance}
@@ -217,18 +230,14 @@ def test_tables_of_planted_errors(tmp_path, monkeypatch):
     assert f"| patches of 4×4 pixels | {' | '.join(4 * ['1.000 ± 0.000'])} | 0.180 |" in printed
 
 
-def test_results_about_the_sun_are_those_of_the_page():
+def test_results_about_the_sun_are_those_of_the_page(score_tables):
     """The page's block is made of sun.csv, which no piece makes."""
-    import score_tables
-
     text = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
     assert "\n".join(["<!-- sun: begin -->", *score_tables.sun(), "<!-- sun: end -->"]) in text
 
 
-def test_caption_of_tt_repeats_the_tables():
+def test_caption_of_tt_repeats_the_tables(score_tables):
     """The script of Fig. 5.1 measures one ratio; those of another set-up and another sky are of the page's rows."""
-    import score_tables
-
     captions = json.loads((ROOT / "docs" / "figures" / "captions.json").read_text("utf-8"))
     value, variance, _ = score_tables.Group("nearest").ratio("tt", "tilt")
     sunless = next(
