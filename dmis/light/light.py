@@ -53,7 +53,8 @@ class Light(Protocol):
         It decides whether the light has power, and in which units float32 holds it. Default: that of the fields
         `radiances` and `intensities`; 1, an ordinary light, if there are none.
         """
-        values = [np.max(getattr(self, name)) for name in self.radiances]
+        radiances = (getattr(self, name) for name in self.radiances)
+        values = [np.max(value.texels if isinstance(value, Image) else value) for value in radiances]
         values += [np.max(getattr(self, name)) / length**2 for name in self.intensities]
         return float(max(values, default=1.0))
 
@@ -92,7 +93,11 @@ class Light(Protocol):
         units = ((self.positions, length), (self.lengths, length), (self.radiances, gain))
         for names, unit in (*units, (self.intensities, gain * length**2)):
             for name in names:
-                value = np.asarray(getattr(self, name), np.float64) - (origin if name in self.positions else 0.0)
+                value = getattr(self, name)
+                if isinstance(value, Image):
+                    changes[name] = replace(value, texels=value.texels / unit)
+                    continue
+                value = np.asarray(value, np.float64) - (origin if name in self.positions else 0.0)
                 changes[name] = value / unit if value.ndim else float(value) / unit
         return replace(self, **changes)  # type: ignore[type-var]
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -188,15 +188,6 @@ class MeshLight(AreaLight):
         light_sample = flat_light_hit(wi, hits.distance, dot(chosen[9:], wi), is_hit, area, radiance)
         light_sample.emits |= is_hit & self._sampled[1].take(hits.prim)
         return light_sample
-
-    def brightness(self, length: float) -> float:
-        return float(np.max(self.radiance.texels if isinstance(self.radiance, Image) else self.radiance))
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        if not isinstance(self.radiance, Image):
-            return super().rescaled(origin, length, gain)
-        vertices = (np.asarray(self.vertices, np.float64) - origin) / length
-        return replace(self, vertices=vertices, radiance=replace(self.radiance, texels=self.radiance.texels / gain))
 
     def pieces(self) -> Pieces | None:
         if self.textured:
