@@ -13,7 +13,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from dmis.base.validate import number, pair
+from dmis.base.validate import number, one_of, pair
 from dmis.base.vectors import Array
 
 PIXEL_FILTERS = ("box", "triangle", "gaussian")
@@ -45,11 +45,7 @@ class PixelFilter:
     sigma: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.kind not in PIXEL_FILTERS:
-            raise ValueError(
-                f"a pixel filter must be one of {', '.join(PIXEL_FILTERS)}, because samples are drawn from it, which "
-                f"a filter with negative parts does not allow; got {self.kind!r}"
-            )
+        one_of("kind of a pixel filter", self.kind, PIXEL_FILTERS)
         in_range = partial(number, least=1e-6, most=MAX_RADIUS, more="in pixels")
         object.__setattr__(self, "radius", pair("radius of a pixel filter", self.radius, in_range))
         object.__setattr__(self, "sigma", number("sigma of a pixel filter", self.sigma, 1e-3, 1e3, "in pixels"))

@@ -74,7 +74,7 @@ def test_the_ends_of_u_are_finite_and_inside(name: str) -> None:
     ],
 )  # fmt: skip
 def test_parameters_out_of_range_are_refused(change: dict) -> None:
-    with pytest.raises(ValueError, match=next(iter(change)).replace("kind", "must be one of box, triangle, gaussian")):
+    with pytest.raises(ValueError, match=next(iter(change))):
         PixelFilter(**change)
 
 

@@ -696,7 +696,11 @@ BAD_OPTIONS = [
     ('Film "image" "float cropwindow" [.5 .5 0 1]', 1, "a window must"),
     ('Film "image" "integer xresolution" 70000', 1, "token Film: resolution must be 1 to 65535"),
     ('Film "image" "integer xresolution" 60000 "integer yresolution" 60000', 1, "at most 33554432 pixels"),
-    ('PixelFilter "sinc"', 1, "a pixel filter must be one of box, triangle, gaussian"),
+    (
+        'PixelFilter "sinc"',
+        1,
+        "kind of a pixel filter must be box or triangle or gaussian",
+    ),
     ('PixelFilter "box" "float xwidth" 0', 1, "radius of a pixel filter must be a number from 1e-06"),
     ('SurfaceIntegrator "volpath"', 1, "the integrator must be directlighting, whitted, path"),
     ('SurfaceIntegrator "directlighting" "string strategy" "none"', 1, "must be all or one; got 'none'"),
