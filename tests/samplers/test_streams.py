@@ -81,28 +81,6 @@ def test_marginals_are_uniform(kind: str, spp: int) -> None:
 
 
 @each_kind
-def test_coordinates_and_keys_are_independent(kind: str) -> None:
-    """Sample by sample, the two coordinates and two keys of a pixel are uncorrelated: chi-square over a 4x4 grid.
-
-    So are the first samples of two pixels, but for `Stratified`, whose order of cells is the tile's. Structured
-    samplers are more even than chance; only unevenness is a fault, and that is the upper tail. Of `sobol`
-    only the first sample of a pixel is taken for two keys, because in two pairs the others follow from it.
-    """
-    spp, many = 16, 400
-    draws = []
-    for seed in range(many):
-        sampler = sampler_of(kind, 2, spp, seed)
-        start(sampler, 0, spp, 2)
-        camera, light = (sampler.draw(key, None).reshape(2, spp, 2) for key in ("camera", (0, 0, 0)))
-        draws.append((camera[0, :, 0], camera[1, :, 0], light[0, :, 0], light[1, :, 0], light[0, :, 1]))
-    columns = np.concatenate(draws, axis=1)
-    for a, b in [(0, 1), (0, 2), (1, 3), (0, 3), (2, 3)] + [(2, 4)] * (kind != "stratified"):
-        step = spp if b == 4 or (kind == "sobol" and b > 1) else 1
-        observed = np.histogram2d(columns[a, ::step], columns[b, ::step], 4, [[0, 1], [0, 1]])[0]
-        assert chi2_p(observed, np.full((4, 4), many * spp / step / 16)) > LEVEL
-
-
-@each_kind
 @pytest.mark.parametrize("keys", [("camera", (0, 0)), ((-2,), (-2, 0, 0)), ((0, 0), (0, -1, 0)), ("camera", (-3, 0))])
 def test_two_draws_fill_four_dimensions(kind: str, keys: tuple[object, object]) -> None:
     """Within one pixel, two draws together reach each of 4^4 cells as often as chance would have them; and what
