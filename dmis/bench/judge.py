@@ -77,26 +77,23 @@ def score(rule: AnyRule, scenes: Iterable[str | os.PathLike[str]] = SCENES, seed
         and numbers of camera samples in proportion ``(H, W)``. Of blocks of a larger image, a rule decides in one after
         the other, and only shares count.
     scenes
-        Names of `dmis.bench.data.SCENES`, or of `dmis.bench.data.PACKAGED`, such as ``small``,
-        which come with dmis, or of `dmis.bench.data.FULL`; or paths of data files of one's own, see
-        docs/bench-files.md. All are blocks of larger images, or none.
+        Names of `dmis.bench.data.SCENES`, of `dmis.bench.data.PACKAGED`, such as ``small``, or of
+        `dmis.bench.data.FULL`; or paths of data files of one's own, see docs/bench-files.md. All are blocks of larger
+        images, or none.
     seeds
-        Seeds of the pilots. Of other scenes than `dmis.bench.data.SCENES`, those without a file are left
-        out.
+        Seeds of the pilots. Of other scenes than `dmis.bench.data.SCENES`, those without a file are left out.
     """
     seeds = list(seeds)
-    name, values = rule if isinstance(rule, str) else getattr(rule, "__name__", rule_text(rule)), {}
-    blocks = {}
-    for scene in [os.fspath(scene) for scene in scenes]:
-        truth = read_truth(path_of(scene))
-        blocks[scene] = truth.blocks
-        if len({number > 1 for number in blocks.values()}) > 1:
-            raise ValueError(
-                f"scenes must all be blocks of larger images, or none; got these numbers of blocks: {blocks}"
-            )
+    truths = {scene: read_truth(path_of(scene)) for scene in [os.fspath(scene) for scene in scenes]}
+    blocks = {scene: truth.blocks for scene, truth in truths.items()}
+    if len({number > 1 for number in blocks.values()}) > 1:
+        raise ValueError(f"scenes must all be blocks of larger images, or none; got these numbers of blocks: {blocks}")
+    values = {}
+    for scene, truth in truths.items():
         columns = np.stack([_columns(rule, scene, seed, truth) for seed in seeds_of(scene, seeds)])
         values[scene] = columns[:, 0] if truth.blocks == 1 else columns.mean(axis=0)
-    return Score(name, values, any(number > 1 for number in blocks.values()))
+    name = rule if isinstance(rule, str) else getattr(rule, "__name__", rule_text(rule))
+    return Score(name, values, max(blocks.values()) > 1)
 
 
 def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> Array:
