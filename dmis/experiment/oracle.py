@@ -87,12 +87,6 @@ class Oracle:
             best = (self.variance + price * self.costs).argmin(axis=0)
         return best
 
-    def error_time(self, weight: Array, samples: Array | float = 1.0) -> float:
-        """Return error times time over that of w = 1/2 and even samples, at shares and numbers per patch."""
-        # mean(V / n) mean(n C)
-        product = self.mean(between(self.variance, weight) / samples) * self.mean(between(self.costs, weight) * samples)
-        return product / (self.mean(self.variance[self.half]) * self.mean(self.costs[self.half]))
-
     def at(self, weight: Array | float) -> Array:
         """Return the variance of a camera sample per patch at a share map ``(H, W)``, or at one share for all."""
         rows, columns = self.variance.shape[1:]
@@ -162,11 +156,6 @@ class Oracle:
             return 0.0, 0.0
         harmed = (self.at(weight) > HARM_LIMIT * self.variance[self.half])[lit]
         return float(harmed.mean()), float(harmed.std() / np.sqrt(harmed.size))
-
-
-def saving_text(value: float) -> str:
-    """Return the share of the best weights' saving in percent; "nothing to save" for NaN."""
-    return "nothing to save" if np.isnan(value) else f"saving {value:.0%}"
 
 
 def between(curves: Array, weight: Array) -> Array:

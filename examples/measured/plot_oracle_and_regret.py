@@ -9,10 +9,11 @@ fraction of the oracle's saving that the rule reaches, and by the fraction of ha
 patches.
 """
 
+import numpy as np
+
 import dmis
 from dmis import plot
 from dmis.examples.gallery import SCENES, options, print_canvas
-from dmis.experiment.oracle import saving_text
 from dmis.variance.curves import HALF
 
 opts, _ = options("plot_oracle_and_regret", __doc__)
@@ -43,7 +44,8 @@ for column, name in zip(axes.T, SCENES, strict=True):
     for axis, (title, rule) in zip(column[2:], RULES.items(), strict=True):
         weight = dmis.render(scene, rule, 8, seed=1, **same).weight
         harm, error = oracle.harm(weight)
-        saving = saving_text(oracle.saving(weight))
+        share = oracle.saving(weight)
+        saving = "nothing to save" if np.isnan(share) else f"saving {share:.0%}"
         style = {"cmap": "magma", "vmin": 0, "vmax": 1}
         text = f"{saving}\nharm {harm:.0%}"
         regret = plot.heat(axis, oracle.regret(weight), text, covered, **style)
