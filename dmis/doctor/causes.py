@@ -16,7 +16,7 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.doctor.evidence import Evidence, gather, misfit, p_value, solve
-from dmis.doctor.table import Table
+from dmis.doctor.table import DoctorTable
 
 SCREENED, FITTED = 12_000, 200_000
 """Rows by which all causes are compared, and those by which the best are."""
@@ -127,14 +127,14 @@ def candidates(evidence: Evidence) -> Iterator[Cause]:
                     yield Cause(column, rows, where=name)
 
 
-def smallest_factors(table: Table, seed: int = 0) -> dict[str, float]:
+def smallest_factors(table: DoctorTable, seed: int = 0) -> dict[str, float]:
     """Return relative errors that would be named, `SURE` standard errors of a constant factor, by column and rows."""
     evidence = gather(table, FITTED, seed)
     everywhere = (cause for cause in candidates(evidence) if not cause.measure and not cause.where)
     return {f"{cause.column} of {cause.rows}": SURE / _newton(evidence, cause)[2] ** 0.5 for cause in everywhere}
 
 
-def name_causes(table: Table, seed: int = 0) -> list[Cause]:
+def name_causes(table: DoctorTable, seed: int = 0) -> list[Cause]:
     """Return the causes that explain a table, likeliest first."""
     few, evidence = gather(table, SCREENED, seed), gather(table, FITTED, seed)
     screened = {}

@@ -14,7 +14,7 @@ from dmis.bench.samples import SampleTable
 from dmis.doctor.causes import Cause, name_causes, smallest_factors
 from dmis.doctor.evidence import joint_test
 from dmis.doctor.means import LEAST_ROWS, MOST, Test, smallest_visible, tests, z_limit
-from dmis.doctor.table import Table, read_table
+from dmis.doctor.table import DoctorTable, read_table
 
 UNEXPLAINED = 1e-3
 """Probability of a misfit below which a cause does not explain a table."""
@@ -143,14 +143,14 @@ def diagnose(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) ->
     return replace(result, smallest=smallest_factors(rows))
 
 
-def firefly_share(table: Table) -> float:
+def firefly_share(table: DoctorTable) -> float:
     """Return the part of the sum of squared estimates that the largest `FEW` of the camera samples have."""
     estimates = np.bincount(table.sample, table.f / (table.a_l + table.a_b)) ** 2
     few = max(1, round(FEW * len(estimates)))
     return float(np.partition(estimates, -few)[-few:].sum() / max(estimates.sum(), 1e-30))
 
 
-def savings(table: Table) -> float:
+def savings(table: DoctorTable) -> float:
     """Return what the best share of each patch would save of the second moment of estimates, judged on other samples.
 
     The second moment with share t is the sum of ``f^2 / ((t a_l + (1 - t) a_b) (a_l + a_b))``; t is chosen by every

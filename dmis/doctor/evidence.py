@@ -16,7 +16,7 @@ import numpy as np
 
 from dmis.base.vectors import Array, Floats
 from dmis.doctor.means import LEAST_ROWS, TINIEST, expected_rows
-from dmis.doctor.table import Table
+from dmis.doctor.table import DoctorTable
 
 JOINT = 400_000
 """Rows of each half that is tested."""
@@ -116,7 +116,7 @@ def p_value(degrees: int, q: float) -> float:
     return float(chdtrc(degrees, q))
 
 
-def joint_test(table: Table, seed: int = 0) -> float:
+def joint_test(table: DoctorTable, seed: int = 0) -> float:
     """Return the larger of the p-values that two halves of the camera samples have if nothing is wrong.
 
     A few large samples, to which Q is not chi-square, are in one half only. NaN if a half expects too few rows to tell.
@@ -124,7 +124,7 @@ def joint_test(table: Table, seed: int = 0) -> float:
     return float(np.max([gather(table, JOINT, seed, half).p_value() for half in (0, 1)]))
 
 
-def gather(table: Table, most: int, seed: int, half: int | None = None) -> Evidence:
+def gather(table: DoctorTable, most: int, seed: int, half: int | None = None) -> Evidence:
     """Return about `most` rows at most: some camera samples, with `LIGHT_ROWS` light rows for each BRDF row.
 
     The rest is as if so many fewer light samples were drawn. With a `half`, 0 or 1, rows are of either half of the
@@ -158,7 +158,7 @@ def gather(table: Table, most: int, seed: int, half: int | None = None) -> Evide
     return Evidence(is_light, np.bincount(rank, minlength=1), logs, dict(measures(table, rows)), labels)
 
 
-def measures(table: Table, rows: Array) -> Iterator[tuple[str, Floats]]:
+def measures(table: DoctorTable, rows: Array) -> Iterator[tuple[str, Floats]]:
     """Yield logarithms of what formulas of densities have, by name, as far as the table has columns for it.
 
     ``pdf`` of the technique that drew the row; ``cos_light`` and ``cos/d^2`` of the light, 1 of skies; ``cos`` of the

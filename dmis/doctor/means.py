@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.doctor.table import Table
+from dmis.doctor.table import DoctorTable
 
 LEVEL = 0.01
 """Probability that any test of a right table alarms."""
@@ -92,7 +92,7 @@ def expected_rows(h: Array, g: Array | float, side: Array, parts: int) -> Array:
     return np.asarray(sums**2 / (np.maximum(own, other) + TINIEST))
 
 
-def functions(table: Table) -> Iterator[tuple[str, Array]]:
+def functions(table: DoctorTable) -> Iterator[tuple[str, Array]]:
     """Yield by test the function g of (1) in each row, ``(R,)``."""
     total = table.a_l + table.a_b
     yield "numbers", np.ones(len(table))
@@ -103,7 +103,7 @@ def functions(table: Table) -> Iterator[tuple[str, Array]]:
     yield "w = 0", np.divide(table.f, table.a_b, out=np.zeros(len(table)), where=near)
 
 
-def parts(table: Table) -> Iterator[tuple[list[str], Array]]:
+def parts(table: DoctorTable) -> Iterator[tuple[list[str], Array]]:
     """Yield names of parts, and the part of each row, ``(R,)``, as far as the table has columns for it."""
     for label, column in table.labels.items():
         values = np.unique(column)
@@ -124,7 +124,7 @@ def parts(table: Table) -> Iterator[tuple[list[str], Array]]:
         yield [f"z {h:+.2f}, {t:+.0f} deg" for h in heights for t in degrees], step * TURNS + turn
 
 
-def tests(table: Table) -> list[Test]:
+def tests(table: DoctorTable) -> list[Test]:
     """Return the tests of all rows, and then of parts: lights, lobes, depths, blocks of pixels, cells of directions."""
     found = list(_tests(table, dict(functions(table)), ["all rows"], np.zeros(len(table), np.int16)))
     some = table.thinned(MOST)
@@ -132,7 +132,7 @@ def tests(table: Table) -> list[Test]:
     return found + [test for names, part in parts(some) for test in _tests(some, of_rows, names, part)]
 
 
-def _tests(table: Table, of_rows: Mapping[str, Array], names: list[str], part: Array) -> Iterator[Test]:
+def _tests(table: DoctorTable, of_rows: Mapping[str, Array], names: list[str], part: Array) -> Iterator[Test]:
     """Yield the tests of parts of the rows."""
     order = np.argsort(part, kind="stable")
     part, sample = part[order], table.sample[order]

@@ -75,7 +75,7 @@ MOST_MASS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class DoctorTable:
     """Shading samples that both techniques could have drawn, those of a camera sample one after the other.
 
     Arrays are ``(R,)``: whether light sampling drew the row; f, the mean of its channels; densities times numbers of
@@ -99,7 +99,7 @@ class Table:
     def __len__(self) -> int:
         return len(self.f)
 
-    def thinned(self, most: int) -> Table:
+    def thinned(self, most: int) -> DoctorTable:
         """Return the rows of every k-th camera sample, numbered anew, k so that they are about `most` at most."""
         k = max(1, -(-len(self) // most))
         kept = np.flatnonzero(self.sample % k == 0)
@@ -112,7 +112,7 @@ class Table:
         return np.asarray(self.source[name])[self.index[rows]] if name in self.source else None
 
 
-def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> Table:
+def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> DoctorTable:
     """Return the table of an ``.npz`` file, of arrays by name, or of `dmis.samples`.
 
     Raises
@@ -133,7 +133,7 @@ def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable)
         raise ValueError(f"{source}: {error}. A table is an .npz file, see docs/doctor.md") from error
 
 
-def _table(source: Mapping[str, Any]) -> Table:
+def _table(source: Mapping[str, Any]) -> DoctorTable:
     """Return the table of arrays by name."""
     if missing := [name for name in REQUIRED if name not in source]:
         raise ValueError(f"columns {', '.join(missing)} are missing; there are {', '.join(source) or 'none'}")
@@ -170,7 +170,7 @@ def _table(source: Mapping[str, Any]) -> Table:
     a_l, a_b = n_l * p_l[rows].astype(float), n_b * p_b[rows].astype(float)
     labels = {name: columns[name][rows] for name in LABELS if name in columns}
     f, pixel = f[rows].astype(np.float32), columns["pixel"][rows]
-    table = Table(technique[rows] == 0, f, a_l, a_b, sample, pixel, labels, source, rows, shape)
+    table = DoctorTable(technique[rows] == 0, f, a_l, a_b, sample, pixel, labels, source, rows, shape)
     _check_counts(table, n_l, n_b)
     notes = list(_doubts(table))
     if visible_only and occluded.any():
@@ -219,7 +219,7 @@ def _check_values(technique: Array, f: Array, p_l: Array, p_b: Array) -> None:
             )
 
 
-def _check_counts(table: Table, n_l: float, n_b: float) -> None:
+def _check_counts(table: DoctorTable, n_l: float, n_b: float) -> None:
     """Raise a ValueError if a camera sample has more samples of one technique than the header says."""
     some = [table.is_light, table.sample, *(table.labels[name] for name in ("light", "depth") if name in table.labels)]
     rows, counts = np.unique(np.stack([a[: 2**17] for a in some], axis=1), axis=0, return_counts=True)
@@ -232,7 +232,7 @@ def _check_counts(table: Table, n_l: float, n_b: float) -> None:
             )
 
 
-def _doubts(table: Table) -> Iterator[str]:
+def _doubts(table: DoctorTable) -> Iterator[str]:
     """Yield what may be wrong with the table itself, as sentences."""
     lights = len(np.unique(table.labels["light"])) if "light" in table.labels else 1
     draws = lights * (int(table.sample[-1]) + 1)
