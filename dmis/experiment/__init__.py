@@ -1,1 +1,1 @@
-"""Experiments: references, errors, comparisons of rules, reports, speed."""
+"""Experiments: read `reference`, `metrics`, `runs`, `table`, `convergence`; `oracle` tells what weights could save."""
