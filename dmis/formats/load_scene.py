@@ -195,7 +195,7 @@ def light_part(light: AreaLight) -> Part:
     mesh = light.mesh()
     if mesh is None:
         raise ValueError(f"light must have a visible surface; {type(light).__name__}.mesh() returns None")
-    return Part(Mesh(mesh.vertices, mesh.faces), matte(0), light)
+    return Part(Mesh(mesh.vertices, mesh.faces, uv=mesh.uv), matte(0), light)
 
 
 def _pbrt_file(source: Any) -> Path | None:
