@@ -82,11 +82,11 @@ from dmis.scene.groups import Part as Part
 from dmis.scene.masks import Mask as Mask
 from dmis.scene.scene import Scene as Scene
 from dmis.scene.suggestions import Suggestions as Suggestions
-from dmis.testing.light import check_light as check_light
-from dmis.testing.lobe import check_lobe as check_lobe
-from dmis.testing.rule import check_rule as check_rule
-from dmis.testing.sampler import check_sampler as check_sampler
-from dmis.testing.technique import check_technique as check_technique
+from dmis.testing.light_checks import check_light as check_light
+from dmis.testing.lobe_checks import check_lobe as check_lobe
+from dmis.testing.rule_checks import check_rule as check_rule
+from dmis.testing.sampler_checks import check_sampler as check_sampler
+from dmis.testing.technique_checks import check_technique as check_technique
 from dmis.variance.gather import Gather as Gather
 
 __version__: str

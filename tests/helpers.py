@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import json
 import linecache
+import re
 import runpy
 import struct
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -42,6 +43,7 @@ from dmis.pipeline.result import Result
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene
+from dmis.testing.outcome import Outcome
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import sphere_rule
 
@@ -75,6 +77,18 @@ def registries_kept() -> Iterator[None]:
         for table, known in tables:
             table.clear()
             table.update(known)  # type: ignore[arg-type]
+
+
+def with_fault(base: type, method: str, change: Callable[..., Any]) -> Any:
+    """Return a class like `base` whose `method` returns what `change` makes of its result and its arguments."""
+    original = getattr(base, method)
+    return type("Mine", (base,), {method: lambda self, *args: change(original(self, *args), *args)})
+
+
+def assert_found(outcomes: Sequence[Outcome], check: str, message: str) -> None:
+    """Assert that a check with `check` in its name failed, with a message in which the pattern `message` is found."""
+    failed = [outcome for outcome in outcomes if not outcome.passed]
+    assert any(check in outcome.name and re.search(message, outcome.message) for outcome in failed), failed
 
 
 def run_cell(code: str, name: str, namespace: dict[str, Any]) -> None:

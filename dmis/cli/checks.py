@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from dmis.base.plugins import load_plugin
 from dmis.cli.shared import check_page, say
@@ -15,14 +14,11 @@ from dmis.testing.outcome import Outcome, line, summary
 
 def check(options: argparse.Namespace) -> int:
     """Run ``check`` and return its exit code: 1 if a check failed."""
-    file = Path(options.file)
-    if not file.is_file():
-        raise FileNotFoundError(f"no such file: {file}; check needs a Python file with the code to check")
-    subjects = find(load_plugin(file))
+    subjects = find(load_plugin(options.file))
     if not subjects:
-        raise ValueError(f"{file} must define something to check; it defines none of: {RECOGNISED}")
+        raise ValueError(f"{options.file} must define something to check; it defines none of: {RECOGNISED}")
     if options.albedo and all(subject.kind != "lobe" for subject in subjects):
-        raise ValueError(f"--albedo applies to lobes, but {file} defines none")
+        raise ValueError(f"--albedo applies to lobes, but {options.file} defines none")
     outcomes: list[Outcome] = []
     for subject in subjects:
         say(f"{subject.kind} {subject.name}")

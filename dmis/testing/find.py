@@ -16,12 +16,12 @@ from dmis.fit.registry import RULES
 from dmis.fit.rule import Rule
 from dmis.light.light import Light
 from dmis.samplers.streams import SAMPLERS
-from dmis.testing.light import check_light
-from dmis.testing.lobe import check_lobe
+from dmis.testing.light_checks import check_light
+from dmis.testing.lobe_checks import check_lobe
 from dmis.testing.outcome import Outcome
-from dmis.testing.rule import check_rule
-from dmis.testing.sampler import check_sampler
-from dmis.testing.technique import check_technique
+from dmis.testing.rule_checks import check_rule
+from dmis.testing.sampler_checks import check_sampler
+from dmis.testing.technique_checks import check_technique
 
 RECOGNISED = (
     "classes that derive from Lobe, DeltaLobe, AreaLight, InfiniteLight, DeltaLight or dmis.Rule and whose fields all "
@@ -29,12 +29,15 @@ RECOGNISED = (
     "heuristics that are registered"
 )
 _KINDS: dict[str, type] = {"lobe": Lobe, "light": Light, "technique": Technique, "rule": Rule}
-_SHIPPED = tuple(TECHNIQUES.values())
+_TABLES: dict[str, dict[str, Any]] = {
+    "rule": RULES, "technique": TECHNIQUES, "sampler": SAMPLERS, "heuristic": COMBINERS
+}  # fmt: skip
+_SHIPPED = {kind: dict(table) for kind, table in _TABLES.items()}
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What can be checked, or the name of a registered rule, sampler or heuristic; or why a class cannot."""
+    """What can be checked: an object, or the name of a registered rule, sampler or heuristic; or why it cannot."""
 
     name: str
     kind: str
@@ -42,18 +45,17 @@ class Subject:
     refused: str = ""
 
     def check(self, albedo: Sequence[float] = ()) -> list[Outcome]:
-        """Return the outcomes of its checks; `albedo` is that of `dmis.testing.lobe.check_lobe`."""
+        """Return the outcomes of its checks; `albedo` is that of `dmis.testing.lobe_checks.check_lobe`."""
         if self.refused:
             return [Outcome(f"{self.name}: an object of the class", False, self.refused)]
-        if self.kind == "lobe":
-            return check_lobe(self.item, self.name, albedo)
         if self.kind == "technique":
             return check_technique(self.item)
-        if self.kind == "light":
-            return check_light(self.item, self.name)
-        if self.kind == "sampler":
-            return check_sampler(self.item, self.name)
-        return check_rule(f"fixed:0.3,combiner={self.item}" if self.kind == "heuristic" else self.item, self.name)
+        if self.kind == "lobe":
+            return check_lobe(self.item, self.name, albedo)
+        if self.kind == "heuristic":
+            return check_rule(f"fixed:0.3,combiner={self.item}", self.name)
+        checks: dict[str, Any] = {"light": check_light, "rule": check_rule, "sampler": check_sampler}
+        return checks[self.kind](self.item, self.name)
 
 
 def find(module: ModuleType) -> list[Subject]:
@@ -61,45 +63,38 @@ def find(module: ModuleType) -> list[Subject]:
 
     Recognised are objects that are variables of the module: lobes, the lobes of materials, lights, techniques, rules;
     classes defined in the module, with the defaults of their fields, unless one of those objects is of the class; and
-    the rules, techniques, samplers and heuristics that the module registers. Names that begin with an underscore, and
-    what is imported, are left out.
+    the rules, techniques, samplers and heuristics that are registered. Names that begin with an underscore, and what is
+    imported, are left out.
     """
     variables = {name: value for name, value in vars(module).items() if not name.startswith("_")}
-    subjects: list[Subject] = []
-
-    def add(name: str, item: Any) -> None:
-        kind = _kind(type(item))
-        if kind and item not in _SHIPPED and all(item is not subject.item for subject in subjects):
-            subjects.append(Subject(name, kind, item))
-
-    for name, item in _items(variables):
-        add(name, item)
-    rules, samplers = (
-        {name: cls for name, cls in table.items() if getattr(cls, "__module__", "") == module.__name__}
-        for table in (RULES, SAMPLERS)
-    )
-    used = {type(item) for _, item in _items(vars(module))} | set(rules.values())
+    shipped = _SHIPPED["technique"].values()
+    objects = {name: item for name, item in _objects(variables) if all(item is not other for other in shipped)}
+    subjects = [Subject(name, _kind(type(item)), item) for name, item in objects.items()]
+    registered = {
+        kind: {name: item for name, item in table.items() if name not in _SHIPPED[kind]}
+        for kind, table in _TABLES.items()
+    }
+    used = {*(type(item) for _, item in _objects(vars(module))), *registered["rule"].values()}
     for name, cls in variables.items():
         if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
             try:
-                add(name, cls())
+                subjects.append(Subject(name, _kind(cls), cls()))
             except Exception as error:
                 text = f"{raised(error)}. Give it defaults, or add an object: my_{name.lower()} = {name}(...)"
                 subjects.append(Subject(name, _kind(cls), None, text))
-    subjects += [Subject(name, "rule", name) for name in rules]
-    for technique in TECHNIQUES.values():
-        add(technique.name, technique)
-    subjects += [Subject(name, "sampler", name) for name in samplers]
-    own = [name for name, combiner in COMBINERS.items() if combiner.heuristic.__module__ == module.__name__]
-    return subjects + [Subject(name, "heuristic", name) for name in own]
+    for kind, table in registered.items():
+        for name, item in table.items():
+            if all(item is not other for other in objects.values()):
+                subjects.append(Subject(name, kind, item if kind == "technique" else name))
+    return subjects
 
 
-def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the objects that are no classes, with their names; of a material its lobes."""
+def _objects(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the objects that are checked, with their names; of a material its lobes."""
     for name, value in variables.items():
         if isinstance(value, Material):
             yield from ((f"{name}.lobes[{k}]", lobe) for k, lobe in enumerate(value.lobes))
-        elif not isinstance(value, type):
+        elif _kind(type(value)):
             yield name, value
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from dmis.base.plugins import raised
 
 Check = tuple[str, Callable[[], str]]
-"""Title of a check, and function that returns the message of success or raises a `Fault`."""
+"""Title of a check, and function that returns the measured numbers or raises a `Fault`."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Outcome:
     Attributes
     ----------
     name
-        What was checked, such as ``Velvet: pdf is the density of sample``.
+        What was checked, such as ``Velvet: sample follows pdf``.
     passed
         Whether it holds.
     message
@@ -32,30 +32,24 @@ class Outcome:
     message: str
 
 
-def require(outcomes: Iterable[Outcome]) -> None:
-    """Raise an AssertionError with the messages of all failed outcomes, in a test: ``require(check_lobe(lobe))``."""
-    outcomes = list(outcomes)
-    failures = [f"{outcome.name}: {outcome.message}" for outcome in outcomes if not outcome.passed]
-    if failures:
-        raise AssertionError("\n".join([f"{len(failures)} of {len(outcomes)} checks failed:", *failures]))
-    if not outcomes:
-        raise AssertionError("there are no outcomes: nothing was checked")
+class Fault(Exception):
+    """A check that fails, with the message of its outcome."""
 
 
-def run_checks(name: str, form: str, prepare: Callable[[], Iterable[Check]]) -> list[Outcome]:
-    """Return the outcomes of the check `form`, which is `prepare`, and of the checks that it returns.
+def run_checks(name: str, checks: Iterable[Check]) -> list[Outcome]:
+    """Return the outcomes of checks, whose names begin with the `name` of what is checked.
 
-    Names of outcomes begin with the `name` of what is checked. Any exception but a `Fault` is a failure that names the
-    function and line that raised it. If `prepare` fails, that is the only outcome.
+    Any exception but a `Fault` is a failure that names the function and line that raised it. One that is raised while
+    the `checks` are made is the only outcome: the renderer refuses what is checked.
     """
-    checks: list[Check] = []
+    made: list[Check] = []
 
-    def check_form() -> str:
-        checks.extend(prepare())
-        return "as promised"
+    def make() -> str:
+        made.extend(checks)
+        return ""
 
-    outcomes = [_outcome(f"{name}: {form}", check_form)]
-    return outcomes + [_outcome(f"{name}: {title}", check) for title, check in checks]
+    refused = _outcome(f"{name}: the renderer accepts it", make)
+    return [_outcome(f"{name}: {title}", check) for title, check in made] if refused.passed else [refused]
 
 
 def _outcome(name: str, check: Callable[[], str]) -> Outcome:
@@ -69,8 +63,14 @@ def _outcome(name: str, check: Callable[[], str]) -> Outcome:
         return Outcome(name, False, raised(error))
 
 
-class Fault(Exception):
-    """A check that fails, with the message of its outcome."""
+def require(outcomes: Iterable[Outcome]) -> None:
+    """Raise an AssertionError with the messages of all failed outcomes, in a test: ``require(check_lobe(lobe))``."""
+    outcomes = list(outcomes)
+    failures = [f"{outcome.name}: {outcome.message}" for outcome in outcomes if not outcome.passed]
+    if failures:
+        raise AssertionError("\n".join([summary(outcomes), *failures]))
+    if not outcomes:
+        raise AssertionError("there are no outcomes: nothing was checked")
 
 
 def line(outcome: Outcome) -> str:

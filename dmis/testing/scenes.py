@@ -24,6 +24,7 @@ from dmis.scene.groups import Part
 from dmis.scene.probe import surface as surface
 from dmis.scene.scene import Scene
 from dmis.testing.outcome import Fault
+from dmis.testing.statistics import z_limit
 
 FLOOR = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
 """A square floor, 8 on a side, at z = 0."""
@@ -35,12 +36,6 @@ BELOW = QuadLight((-0.5, -0.5, -2), (1, 0, 0), (0, 1, 0), (5, 4, 3))
 """A lamp 2 below the floor that shines upwards."""
 UNIFORM_SKY = EnvironmentLight(np.ones((1, 1, 3)))
 """The same radiance from all directions, those between the horizons of floor and shading normal among them."""
-TECHNIQUES_ALONE: tuple[tuple[str, Rule | str], ...] = (
-    ("light samples (fixed:1)", "fixed:1"),
-    ("BRDF samples (fixed:0)", "fixed:0"),
-    ("both", "balance"),
-)
-"""Rules, with names for messages, whose means agree if a lobe or light is right."""
 
 
 def box_scene(
@@ -58,29 +53,35 @@ def box_scene(
     return Scene(camera, (Part(floor, material or matte(0.6)), *extra), lights)
 
 
+def compare_techniques(scene: Scene, level: float, advice: str, spp: int = 64) -> str:
+    """Return the means of renders by light samples, BRDF samples and both, or raise a Fault: see `compare_means`."""
+    rules = [("light samples (fixed:1)", "fixed:1"), ("BRDF samples (fixed:0)", "fixed:0"), ("both", "balance")]
+    return compare_means(scene, rules, level, advice, spp)
+
+
 def compare_means(
-    scene: Scene, rules: Sequence[tuple[str, Rule | str]], limit: float, advice: str, spp: int = 64
+    scene: Scene, rules: Sequence[tuple[str, Rule | str]], level: float, advice: str, spp: int = 64
 ) -> str:
     """Render a scene by `rules`, each with its name for messages, and return the means.
 
-    Raise a `Fault`, whose message ends with `advice`, if a mean differs from the first by a normal deviate above
-    `limit`. A rule whose noise comes from a few pixels, of a lobe that its samples hardly ever meet, is named and not
-    compared, because its standard error is not known.
+    Raise a `Fault`, whose message ends with `advice`, if a mean differs from the first at the significance `level`. A
+    rule whose noise comes from a few pixels, of a lobe that its samples hardly ever meet, is named and not compared,
+    because its standard error is not known.
     """
     options: dict[str, Any] = {"settings": Settings(integrator="direct"), "parallel": 1}
     results = [(name, render(scene, rule, spp, seed=k, **options)) for k, (name, rule) in enumerate(rules)]
-    means = [(name, *_mean(result, results[0][1].image)) for name, result in results]
+    means = [(name, *mean_of_image(result, results[0][1].image)) for name, result in results]
     text = f"mean radiance {', '.join(f'{name} {mean:.4g} ± {error:.2g}' for name, mean, error, _ in means)}"
     _, first, first_error, first_noisy = means[0]
     noisy = [name for name, *_, is_noisy in means[1:] if is_noisy or first_noisy]
     for name, mean, error, _ in means[1:]:
         z = (mean - first) / max(np.hypot(error, first_error), 1e-6 * abs(first), 1e-30)
-        if abs(z) > limit and name not in noisy:
+        if abs(z) > z_limit(level) and name not in noisy:
             raise Fault(f"{text} (z = {z:.1f} of {name}). {advice}")
     return text if not noisy else f"{text}; too noisy to compare: {', '.join(noisy)}"
 
 
-def _mean(result: Result, other: Array) -> tuple[float, float, bool]:
+def mean_of_image(result: Result, other: Array) -> tuple[float, float, bool]:
     """Return the mean of an image, its standard error, and whether its noise comes from a few of its pixels.
 
     Pixels are independent, channels are taken as fully dependent. The variance of a pixel of one sample is unknown; the

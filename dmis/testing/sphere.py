@@ -1,4 +1,4 @@
-"""Directions of checks: angles about an axis, and quadrature over the sphere."""
+"""Directions of checks: uniform numbers, unit vectors, angles about an axis, and a quadrature over the sphere."""
 
 from __future__ import annotations
 
@@ -38,22 +38,11 @@ def angles(w: Array, axis: Array) -> tuple[Array, Array]:
     return np.arctan2(np.hypot(x, y), z), np.arctan2(y, x) % (2 * np.pi)
 
 
-def sphere_nodes(axis: Array, theta: Array, phi: Array, per_cell: int) -> tuple[Array, Array]:
-    """Return midpoint nodes of the cells between the edges `theta` and `phi` about `axis`, and their solid angles.
-
-    Directions ``(3, M)`` float32 and weights ``(M,)``, M = cells * per_cell**2, the nodes of a cell in a row. Weights
-    are exact differences of cosines, so that they add up to the sphere's solid angle.
-    """
-    fine = [np.interp(np.arange((len(e) - 1) * per_cell + 1) / per_cell, np.arange(len(e)), e) for e in (theta, phi)]
-    mid = [(e[1:] + e[:-1]) / 2 for e in fine]
-    # cos a - cos b without cancellation for narrow rings
-    ring = 2 * np.sin(mid[0]) * np.sin(np.diff(fine[0]) / 2)
-    shape = (len(theta) - 1, per_cell, len(phi) - 1, per_cell)
-    weights = np.outer(ring, np.diff(fine[1])).reshape(shape).swapaxes(1, 2).reshape(-1)
-    x, y = frame(axis)
-    around = np.outer(x, np.cos(mid[1])) + np.outer(y, np.sin(mid[1]))
-    w = np.sin(mid[0])[:, None] * around[:, None] + np.outer(axis, np.cos(mid[0]))[..., None]
-    return w.astype(np.float32).reshape(3, *shape).swapaxes(2, 3).reshape(3, -1), weights
+def directions(theta: Array, phi: Array, axis: Array) -> Array:
+    """Return the directions ``(3, N)`` float32 of angles from `axis` ``(3,)`` and azimuths about it, ``(N,)``."""
+    s, t = frame(axis)
+    sides = np.outer(s, np.sin(theta) * np.cos(phi)) + np.outer(t, np.sin(theta) * np.sin(phi))
+    return (sides + np.outer(axis, np.cos(theta))).astype(np.float32)
 
 
 def sphere_rule(
@@ -63,5 +52,10 @@ def sphere_rule(
 
     Directions ``(3, M)`` float32 and weights ``(M,)``, M = rings * sectors.
     """
-    theta = np.pi * np.linspace(0, 1, rings + 1) ** power
-    return sphere_nodes(np.asarray(axis, float), theta, np.linspace(0, 2 * np.pi, sectors + 1), 1)
+    edges = np.pi * np.linspace(0, 1, rings + 1) ** power
+    middle = (edges[1:] + edges[:-1]) / 2
+    # cos a - cos b = 2 sin((a + b) / 2) sin((b - a) / 2), without cancellation in narrow rings
+    ring = 2 * np.sin(middle) * np.sin(np.diff(edges) / 2) * (2 * np.pi / sectors)
+    phi = (np.arange(sectors) + 0.5) * (2 * np.pi / sectors)
+    w = directions(np.repeat(middle, sectors), np.tile(phi, rings), np.asarray(axis, float))
+    return w, np.repeat(ring, sectors)

@@ -34,15 +34,13 @@ def chi2_p(observed: Array, expected: Array, variance: Array | float = 0.0) -> f
     """
     from scipy.special import chdtrc
 
-    observed, expected = np.ravel(observed).astype(float), np.ravel(expected).astype(float)
-    variance = np.broadcast_to(np.ravel(variance), expected.shape)
-    order = np.argsort(expected)
-    cells = np.stack([observed, expected, variance])[:, order]
+    cells = np.stack([np.ravel(a).astype(float) for a in np.broadcast_arrays(observed, expected, variance)])
+    cells = cells[:, np.argsort(cells[1])]
     pooled = int(np.searchsorted(cells[1], 5))
     if pooled:
-        while cells[1, :pooled].sum() < 5 and pooled < len(order):
-            pooled += 1
-        cells = np.concatenate([cells[:, pooled:], cells[:, :pooled].sum(axis=1, keepdims=True)], axis=1)
+        # the smallest ones whose sum is 5 or more
+        pooled = max(pooled, 1 + int(np.searchsorted(np.cumsum(cells[1]), 5)))
+        cells = np.column_stack([cells[:, pooled:], cells[:, :pooled].sum(axis=1)])
     if cells.shape[1] < 2:
         raise ValueError("a chi-square test needs two cells that expect 5 or more; there are fewer. Take more samples")
     # sum (o - e)^2 / (e + error^2)

@@ -17,7 +17,7 @@ from dmis.brdf.texture import Image
 from dmis.geometry.shapes import sphere
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.scene.groups import Part
-from dmis.testing.lobe import check_lobe
+from dmis.testing.lobe_checks import check_lobe
 from dmis.testing.outcome import require
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import columns, polar, sphere_rule, uniforms

@@ -18,7 +18,7 @@ from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
 from dmis.light.selection import select_lights
 from dmis.samplers.warp import square_to_sphere
-from dmis.testing.light import check_light
+from dmis.testing.light_checks import check_light
 from dmis.testing.outcome import require
 from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
 

@@ -27,9 +27,7 @@ from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.plan import DEEPER_LIGHTS, MANY_LIGHTS
 from dmis.scene.scene import Scene
-from dmis.testing.density import DensityView
-from dmis.testing.density_checks import CORNERS, COUNT, view_checks
-from dmis.testing.outcome import require, run_checks
+from dmis.testing.density import CORNERS, COUNT, DensityView, check_integral, check_pdf
 from dmis.testing.sphere import columns, uniforms
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -92,7 +90,7 @@ def composite(name: str, lights: tuple[AreaLight, ...]) -> SelectedLights:
 @pytest.mark.parametrize("name", SELECTIONS)
 @pytest.mark.parametrize("kinds", [(0, 1, 2, 4), (2, 2, 2), (1, 1, 1, 1, 1), (0, 4)])
 def test_samples_follow_the_density(name: str, kinds: tuple[int, ...]) -> None:
-    """Samples follow the pdf of `hit`, which integrates to 1, from two places, with a normal and without."""
+    """Samples follow the pdf of `hit` and are its light samples, from two places, with a normal and without."""
     rng = np.random.default_rng(sum(kinds))
     light = composite(name, tuple(lamp(rng, kind, 0.2, 0.4) for kind in kinds))
     floor = light.seen_from(columns(np.array([0.0, 0.0, 1.0]), COUNT))
@@ -112,15 +110,20 @@ def test_samples_follow_the_density(name: str, kinds: tuple[int, ...]) -> None:
         sample = at(of, u.shape[1]).sample(columns(p, u.shape[1]), u)
         met = hit(sample.wi)
         sample.emits &= np.isclose(met.distance, sample.distance, rtol=1e-3)  # others are hidden
-        return DensityView(sample.wi, pdf, sample.emits, place, radiance, sample, hit, "the pdf of hit")
+        for a, b in ((sample.pdf, met.pdf), (sample.radiance[0], met.radiance[0])):
+            assert np.isclose(a, b, rtol=2e-3)[sample.emits].mean() > 0.995
+        return DensityView(sample.wi, pdf, sample.emits, place, radiance)
 
     def at(of: SelectedLights, count: int) -> SelectedLights:
         return of if of.ng is None else of.seen_from(of.ng[:, :1].repeat(count, axis=1))
 
     places = ((0.1, 0.2, -0.5), light, "below"), ((0.3, -0.2, 0.0), floor, "on a floor")
     views = [view(np.array(p), uniforms(COUNT, k), of, place) for k, (p, of, place) in enumerate(places)]
-    corners = [view(np.array(p), CORNERS[:2], of, place) for p, of, place in places]
-    require(run_checks(name, "a", lambda: view_checks(views, corners, LEVEL, "the radiance of hit", True)))
+    check_pdf(views, LEVEL)
+    check_integral(views, LEVEL, "radiance")
+    for p, of, _ in places:
+        sample = at(of, CORNERS.shape[1]).sample(columns(np.array(p), CORNERS.shape[1]), CORNERS[:2])
+        assert np.isfinite(sample.wi).all() and np.isfinite(sample.pdf).all()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -7,6 +7,7 @@ their points in one order: that is found by the pairs of both, see `dmis.sampler
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations, product
 
 import numpy as np
@@ -18,7 +19,7 @@ from dmis.samplers.pixel_block import CONTINUE, LENS, PixelBlock
 from dmis.samplers.streams import SAMPLERS, BlockSampler, RoundingSampler, Sampler, SamplerFactory, stream
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import box_scene, compare_means
-from dmis.testing.statistics import chi2_p, level, z_limit
+from dmis.testing.statistics import chi2_p, level
 
 PIXELS = 1024
 """Pixels of the tile that the sampler serves."""
@@ -28,8 +29,8 @@ PATH = ("camera", (LENS,), (CONTINUE,), (CONTINUE, 0, 0, 0))
 """Dimensions of a path, which must be independent: place in the pixel and on the lens, direction, light sample."""
 KEYS = (*PATH, (0, 0, 0))
 """And a light sample at the first surface, whose value is added to that of the path: it may go in its order."""
-LEVEL = level(56)
-"""Of each test: there are at most 56 chi-square tests of uniform numbers, and 24 of pairs of dimensions."""
+LEVEL = level(89)
+"""Of each test: at most 64 chi-square tests of uniform numbers, 24 of pairs of dimensions, and renders."""
 ONE_ORDER = 30.0
 """Chi-square of 64 pairs in 16 cells, on average over coordinates, from which on two dimensions go in one order.
 
@@ -37,40 +38,30 @@ It is 15 for independent ones, at most 16 for the shipped samplers, 96 for a (0,
 """
 REPEATED = 0.02
 """Largest share of equal numbers; by chance it is 0.001 among 64 numbers of 16 binary digits."""
+Numbers = dict[str, Array]
+"""Numbers of each kind of draw, ``(2, n, PIXELS)`` for n samples of each pixel."""
 
 
 def check_sampler(factory: SamplerFactory | str, name: str = "") -> list[Outcome]:
-    """Check a sampler by what `dmis.samplers.streams.Sampler` promises, and `BlockSampler` and `RoundingSampler`.
+    """Return the outcomes of the checks of a sampler, by what `dmis.samplers.streams.Sampler` and its kin promise.
 
-    Parameters
-    ----------
-    factory
-        Class or function that makes the sampler of a `dmis.samplers.pixel_block.PixelBlock`, or a registered name.
-    name
-        For messages. Default: that of the class, or the registered one.
-
-    Returns
-    -------
-    list of Outcome
-        One for each check. A right sampler fails any of them with a probability of 1e-4.
+    It is a registered name, or a class or function that makes the sampler of a
+    `dmis.samplers.pixel_block.PixelBlock`; its `name` in messages is that of the class or the registered one by
+    default. A right sampler fails any check with a probability of 1e-4.
     """
     name = name or (factory if isinstance(factory, str) else getattr(factory, "__name__", repr(factory)))
+    return run_checks(name, _checks(SAMPLERS[factory] if isinstance(factory, str) else factory, name))
 
-    def prepare() -> list[Check]:
-        make = SAMPLERS[factory] if isinstance(factory, str) else factory
-        numbers = _numbers(make)
-        in_batches = _numbers(make, batches=2)
-        return [
-            ("numbers are uniform", lambda: _check_uniform([numbers, in_batches])),
-            ("no number is repeated", lambda: _check_repeated([numbers, in_batches])),
-            ("dimensions of a path are independent", lambda: _check_independent(numbers)),
-            ("numbers depend on the block alone", lambda: _check_reproducible(make, numbers)),
-            ("index selects from the batch", lambda: _check_selections(make)),
-            *([("rounding", lambda: _check_rounding(make))] if isinstance(_sampler(make), RoundingSampler) else []),
-            ("renders agree with independent numbers", lambda: _check_renders(make, name)),
-        ]
 
-    return run_checks(name, "form of its numbers", prepare)
+def _checks(make: SamplerFactory, name: str) -> Iterator[Check]:
+    """Yield the checks of a sampler."""
+    numbers = _numbers(make)
+    in_batches = _numbers(make, batches=2)
+    yield "numbers are uniform, and none is repeated", lambda: _check_uniform([numbers, in_batches])
+    yield "dimensions of a path are independent", lambda: _check_independent(numbers)
+    yield "numbers depend on the block alone", lambda: _check_reproducible(make, numbers)
+    yield "index selects from the batch", lambda: _check_selections(make)
+    yield "renders agree with independent numbers", lambda: _check_renders(make, name)
 
 
 def _sampler(make: SamplerFactory, seed: int = 0) -> Sampler:
@@ -86,39 +77,43 @@ def _checked(u: Array, count: int, call: str) -> Array:
     return u
 
 
-def _numbers(make: SamplerFactory, seed: int = 0, batches: int = 1) -> dict[str, Array]:
-    """Return the numbers of each kind of draw, ``(2, n, PIXELS)`` for n samples; several batches reverse the pixels."""
+def _numbers(make: SamplerFactory, seed: int = 0, batches: int = 1) -> Numbers:
+    """Return the numbers of each kind of draw, of the camera samples in one batch or several."""
     sampler = _sampler(make, seed)
-    numbers: dict[tuple[str, int], Array] = {}
+    drawn: dict[str, list[Array]] = {}
+
+    def add(call: str, u: Array, count: int) -> None:
+        drawn.setdefault(call, []).append(_checked(u, count, call).reshape(2, -1, PIXELS))
+
     for batch in np.split(np.arange(SPP), batches):
-        pixel = np.tile(np.arange(PIXELS)[:: 1 if batches == 1 else -1], len(batch))
         number = np.repeat(batch, PIXELS)
-        sampler.start(pixel, number)
-        drawn = [(f"draw({key!r}, None)", 0, sampler.draw(key, None)) for key in KEYS]
+        count = len(number)
+        sampler.start(np.tile(np.arange(PIXELS), len(batch)), number)
+        for key in KEYS:
+            add(f"draw({key!r}, None)", sampler.draw(key, None), count)
         for i in range(2):  # two samples of a technique in each camera sample
-            drawn.append(("draw((1, 0), None, number)", i, sampler.draw((1, 0), None, 2 * number + i)))
+            add("draw((1, 0), None, number)", sampler.draw((1, 0), None, 2 * number + i), count)
             if isinstance(sampler, BlockSampler):
-                drawn.append(("draw_block((2, 0), None, sample, 2)", i, sampler.draw_block((2, 0), None, i, 2)))
-        for call, i, u in drawn:
-            place = numbers.setdefault((call, i), np.empty((2, SPP, PIXELS), np.float32))
-            place[:, number, pixel] = _checked(u, len(pixel), call)
-    calls = dict.fromkeys(call for call, _ in numbers)
-    return {call: np.concatenate([u for (of, _), u in numbers.items() if of == call], axis=1) for call in calls}
+                add("draw_block((2, 0), None, sample, 2)", sampler.draw_block((2, 0), None, i, 2), count)
+    if isinstance(sampler, RoundingSampler):
+        add("rounding_offsets(2)", sampler.rounding_offsets(2), PIXELS)
+    return {call: np.concatenate(arrays, axis=1) for call, arrays in drawn.items()}
 
 
 def _p(*u: Array) -> float:
     """Return the p-value of numbers, or of the pairs of two arrays, against a uniform density on 64 cells."""
-    if len(u) == 1:
-        cell = (64 * u[0]).astype(int)
-    else:
-        cell = 8 * (8 * u[0]).astype(int) + (8 * u[1]).astype(int)
+    cell = (64 * u[0]).astype(int) if len(u) == 1 else 8 * (8 * u[0]).astype(int) + (8 * u[1]).astype(int)
     return chi2_p(np.bincount(cell.ravel(), minlength=64), np.full(64, cell.size / 64))
 
 
-def _check_uniform(views: list[dict[str, Array]]) -> str:
-    """Raise a Fault unless numbers and their pairs are uniform, also those of the first samples of pixels."""
+def _check_uniform(views: list[Numbers]) -> str:
+    """Raise a Fault unless numbers and their pairs are uniform, those of the first samples of pixels among them."""
     least = 1.0
     for call, (x, y) in (item for numbers in views for item in numbers.items()):
+        in_order = np.sort(x, axis=0)
+        for text, same in (("samples of a pixel", in_order[1:] == in_order[:-1]), ("pixels", np.diff(in_order) == 0)):
+            if same.size and same.mean() > REPEATED:
+                raise Fault(f"{call}: {text} have the same numbers ({same.mean():.0%} of them)")
         tests = {"first numbers": (x,), "second numbers": (y,), "pairs": (x, y), "first pairs of pixels": (x[0], y[0])}
         for text, u in tests.items():
             p = _p(*u)
@@ -128,22 +123,7 @@ def _check_uniform(views: list[dict[str, Array]]) -> str:
     return f"least p of chi-square {least:.2g}"
 
 
-def _check_repeated(views: list[dict[str, Array]]) -> str:
-    """Raise a Fault if camera samples, pixels or dimensions have the same numbers."""
-    for numbers in views:
-        # (n, PIXELS): the numbers of a pixel in ascending order, whichever sample has them
-        rows = {f"{call}[{k}]": np.sort(u[k], axis=0) for call, u in numbers.items() for k in (0, 1)}
-        for name, row in rows.items():
-            for text, same in (("samples of a pixel", row[1:] == row[:-1]), ("pixels", row[:, 1:] == row[:, :-1])):
-                if same.mean() > REPEATED:
-                    raise Fault(f"{name}: {text} have the same numbers ({same.mean():.0%} of them)")
-        for (name, row), (other, other_row) in combinations(rows.items(), 2):
-            if row.shape == other_row.shape and (row == other_row).mean() > REPEATED:
-                raise Fault(f"{name} and {other} are the same numbers; each key needs its own")
-    return f"{sum(u.size for u in views[0].values()):,} numbers"
-
-
-def _check_independent(numbers: dict[str, Array]) -> str:
+def _check_independent(numbers: Numbers) -> str:
     """Raise a Fault if numbers of two dimensions of a path depend on each other, over pixels or within them."""
     largest = 0.0
     for (a, x), (b, y) in combinations(list(numbers.items())[: len(PATH)], 2):
@@ -151,7 +131,7 @@ def _check_independent(numbers: dict[str, Array]) -> str:
         for i, j in product((0, 1), (0, 1)):
             p = _p(x[i, 0], y[j, 0])
             if p <= LEVEL:
-                raise Fault(f"{a}[{i}] and {b}[{j}] of the first samples of pixels depend on each other (p = {p:.1g})")
+                raise Fault(f"{a}[{i}] and {b}[{j}] depend on each other (p = {p:.1g}): each key needs its own numbers")
             # sum (observed - expected)^2 / expected over 4 x 4 cells of the pairs of a pixel, on average over pixels
             cell = 4 * (4 * x[i]).astype(int) + (4 * y[j]).astype(int) + 16 * np.arange(PIXELS)
             counts = np.bincount(cell.ravel(), minlength=16 * PIXELS)
@@ -165,7 +145,7 @@ def _check_independent(numbers: dict[str, Array]) -> str:
     return f"largest chi-square within pixels {largest:.1f}; 15 if independent"
 
 
-def _check_reproducible(make: SamplerFactory, numbers: dict[str, Array]) -> str:
+def _check_reproducible(make: SamplerFactory, numbers: Numbers) -> str:
     """Raise a Fault if a second sampler of a block has other numbers, or one of another seed the same."""
     again = _numbers(make)
     other = _numbers(make, seed=1)
@@ -178,31 +158,20 @@ def _check_reproducible(make: SamplerFactory, numbers: dict[str, Array]) -> str:
 
 
 def _check_selections(make: SamplerFactory) -> str:
-    """Raise a Fault if `index` selects other numbers than those of its camera samples; only counted if random."""
+    """Raise a Fault unless `index` selects the numbers of its camera samples; only counted if random."""
     sampler = _sampler(make)
-    pixel = np.arange(PIXELS)
-    sampler.start(pixel, np.zeros(PIXELS, np.int64))
+    sampler.start(np.arange(PIXELS), np.zeros(PIXELS, np.int64))
     selections: tuple[Selection, ...] = (slice(5, 900), np.array([7, 3, 1000]))
     for key, index in product(KEYS, selections):
         u = _checked(sampler.draw(key, index), size(index, PIXELS), f"draw({key!r}, {index})")
         everything = sampler.draw(key, None)
         if np.array_equal(everything, sampler.draw(key, None)) and not np.array_equal(u, everything[:, index]):
             raise Fault(f"draw({key!r}, {index}) must return the numbers of these camera samples, not of others")
+    if isinstance(sampler, RoundingSampler):
+        order = np.sort(sampler.rounding_order(np.arange(SPP)))
+        if not np.array_equal(order, np.arange(SPP)):
+            raise Fault(f"rounding_order must have each of the first {SPP} numbers once; got {order[:4]} ...")
     return "slices and indices"
-
-
-def _check_rounding(make: SamplerFactory) -> str:
-    """Raise a Fault unless offsets of rounding are uniform, and the order of camera samples has each of them once."""
-    sampler = _sampler(make)
-    assert isinstance(sampler, RoundingSampler)
-    offsets = sampler.rounding_offsets(2)
-    p = _p(*_checked(offsets, PIXELS, "rounding_offsets(2)"))
-    if p <= LEVEL:
-        raise Fault(f"rounding_offsets are not uniform and independent (p = {p:.1g})")
-    order = sampler.rounding_order(np.arange(SPP))
-    if not np.array_equal(np.sort(order), np.arange(SPP)):
-        raise Fault(f"rounding_order must have each of the first {SPP} numbers once; got {np.sort(order)[:4]} ...")
-    return f"p = {p:.2g}"
 
 
 def _check_renders(make: SamplerFactory, name: str) -> str:
@@ -210,6 +179,6 @@ def _check_renders(make: SamplerFactory, name: str) -> str:
     SAMPLERS["checked"] = make
     try:
         rules = [("independent", Fixed(sampler="independent")), (name, Fixed(sampler="checked"))]
-        return compare_means(box_scene(), rules, z_limit(level(1)), "draw: numbers are not uniform and independent")
+        return compare_means(box_scene(), rules, LEVEL, "draw: numbers are not uniform and independent")
     finally:
         del SAMPLERS["checked"]
