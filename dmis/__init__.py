@@ -44,8 +44,8 @@ def __getattr__(name: str) -> Any:
         try:
             return _load_module("dmis", name)
         except AttributeError as error:
-            written = import_module("dmis.base.synonyms").NAMES.get(name)
-            raise AttributeError(f"{error}: write {written}" if written else str(error)) from None
+            synonyms = import_module("dmis.base.synonyms")
+            raise AttributeError(f"{error}{synonyms.advice(name, synonyms.NAMES, __all__)}") from None
     value = globals()[name] = getattr(import_module(_HOMES[name]), name)
     return value
 

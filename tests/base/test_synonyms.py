@@ -68,5 +68,6 @@ def test_other_words_get_a_suggestion_or_none(capsys: pytest.CaptureFixture[str]
         with pytest.raises(SystemExit):
             main(arguments)
         assert message in capsys.readouterr().err
-    with pytest.raises(AttributeError, match=r"no attribute 'nonsense'$"):
-        dmis.nonsense  # noqa: B018
+    for name, end in (("nonsense", ""), ("load_exr", ", did you mean 'read_exr'?"), ("rmse", ", did you mean 'mse'?")):
+        with pytest.raises(AttributeError, match=rf"no attribute '{name}'{re.escape(end)}$"):
+            getattr(dmis, name)
