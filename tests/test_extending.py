@@ -18,7 +18,6 @@ from helpers import Z_LIMIT, registries_kept, results_z, shipped, z_score
 
 import dmis
 from dmis.base import plugins
-from dmis.brdf.diffuse import Lambert
 from dmis.cli.commands import main
 from dmis.estimator import mis
 from dmis.estimator.technique import TECHNIQUES
@@ -105,6 +104,7 @@ def test_technique_on_the_command_line(tmp_path: Path) -> None:
         ({"rays": "shadow"}, "technique mine: rays must be a word under which .* such as 'mine'; .*; got 'shadow'"),
         ({"rays": "camera"}, "got 'camera'"),
         ({"numbers": 5}, "numbers of technique mine must be a whole number from 2 to 4; got 5"),
+        ({"sample": 3}, "technique mine: sample must be a function; got 3"),
     ],
 )
 def test_techniques_that_are_refused(changes: dict[str, object], message: str) -> None:
@@ -113,42 +113,6 @@ def test_techniques_that_are_refused(changes: dict[str, object], message: str) -
     with pytest.raises(ValueError, match=message):
         dmis.register_technique(dmis.Technique(**given))  # type: ignore[arg-type]
     assert "mine" not in TECHNIQUES
-
-
-@pytest.mark.parametrize(
-    ("density", "message"),
-    [
-        (
-            lambda above: np.where(above, np.float32(np.nan), 0),
-            "pdf of technique dim must be finite and not negative; got nan",
-        ),
-        (lambda above: above[None] / 7, r"pdf of technique dim must be of shape \(N,\); got shape \(1, \d+\)"),
-        (lambda above: np.float32(0.2), r"pdf of technique dim must be an array of float of shape \(N,\); got float32"),
-    ],
-)
-def test_densities_that_are_refused(density: Any, message: str, box: dmis.Scene) -> None:
-    """They would count as black samples, or be spread over all directions."""
-    uniform = TECHNIQUES["uniform"]
-    dim = dmis.Technique("dim", "dim", uniform.sample, lambda surface, directions, _: density(directions.above))
-
-    class Dim(dmis.Rule):
-        def rounds(self, budget: Any) -> Any:
-            yield budget.final(dmis.Fit(0.5), techniques=("light", dim))
-
-    with pytest.raises(ValueError, match=message):
-        dmis.render(box, Dim(), 2, parallel=1)
-
-
-@pytest.mark.parametrize("integrator", ["direct", "path"])
-def test_lobes_that_are_no_numbers_are_refused(integrator: str) -> None:
-    """A lobe that divides 0 by 0 would be black below a sky, whose image no pixel shows to be wrong."""
-
-    class Dusty(Lambert):
-        def eval(self, directions: Any) -> Any:
-            return super().eval(directions) * np.where(directions.cos_i > 0.5, np.float32(np.nan), 1)
-
-    with pytest.raises(ValueError, match=r"Dusty.eval must be finite and not negative; got nan"):
-        dmis.render(box_scene(dmis.Material((Dusty(0.5),))), "balance", 2, integrator=integrator, parallel=1)
 
 
 def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
@@ -170,7 +134,7 @@ def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
     ("heuristic", "message"),
     [
         (lambda a, k: a[k] / sum(a), "must add up to 1 over the techniques; got .* It must return W / a.k., not W"),
-        (lambda a, k: 1 / a[k], "must add up to 1"),
+        (lambda a, k: (a[k] >= np.max(a, axis=0)) / np.maximum(a[k], 1e-30), "where densities are equal, k must break"),
         (lambda a, k: np.float32(1), r"heuristic mine must be an array of float of shape \(1000,\); got float32"),
     ],
 )
