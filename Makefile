@@ -74,5 +74,5 @@ docs: $(DOCS)/.installed  ## build the site into docs/_build/html and run its tu
 	@echo docs/_build/html/index.html
 
 clean:  ## remove .venv, caches and everything that was built
-	rm -rf $(VENV) $(DOCS) docs/_build docs/generated build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DOCS) docs/_build docs/generated build dist .mypy_cache .pytest_cache .ruff_cache
 	find $(SOURCES) -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -2,9 +2,9 @@
 
 Each kind of case is a function of a source of random numbers and a folder with good files, which damages one of them,
 hands it to the library, and lets through what is allowed: a result, or the library's own error. Everything else is
-raised. `tests/test_fuzz.py` gives them numbers from hypothesis, which shrinks what fails; run by itself this file
-gives them numbers from a seed, in child processes, so that a crash of the interpreter, a case of more than `SECONDS` of
-computing and one whose process holds more than `MEMORY`, the interpreter included, are found too.
+raised. `tests/test_fuzz.py` runs a sample of them; run by itself this file runs many, in child processes, so that a
+crash of the interpreter, a case of more than `SECONDS` of computing and one whose process holds more than `MEMORY`, the
+interpreter included, are found too.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import copy
 import gzip
 import io
 import json
+import multiprocessing
 import os
 import random
 import re
@@ -456,8 +457,8 @@ def run(kind: str, seed: int, k: int, folder: Path) -> None:
     KINDS[kind](random.Random(f"{kind} {seed} {k}"), folder)
 
 
-def batch(kind: str, seed: int, cases: range, folder: Path, report: int) -> None:
-    """Cases in this process; failures go to `report`, an open file, as JSON lines, and so does the number of each."""
+def batch(kind: str, seed: int, cases: range, folder: Path, numbers: Numbers) -> None:
+    """Cases in this process, with limits; failures are printed."""
 
     def late(*_: object) -> None:
         raise Hang(f"more than {SECONDS} s of computing")
@@ -465,60 +466,51 @@ def batch(kind: str, seed: int, cases: range, folder: Path, report: int) -> None
     signal.signal(signal.SIGPROF, late)
     resource.setrlimit(resource.RLIMIT_AS, (4 * MEMORY, 4 * MEMORY))
     warnings.simplefilter("error")
-    slowest, largest = 0.0, 0
     for k in cases:
-        os.pwrite(report, f"{k:12d}\n".encode(), 0)
+        numbers.case.value = k
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         signal.alarm(300)
         Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
         begin = time.process_time()
         try:
             run(kind, seed, k, folder)
-            peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-            largest = max(largest, peak)
-            assert peak <= MEMORY, f"{peak / 2**20:.0f} MB of memory"
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            numbers.megabytes.value = max(numbers.megabytes.value, peak)
+            assert peak <= MEMORY / 2**20, f"{peak:.0f} MB of memory"
         except (Exception, Hang, SystemExit) as error:
             where = "".join(traceback.format_tb(error.__traceback__)[-3:])
             text = f"\n{kind} {seed} {k}: {type(error).__name__}: {str(error)[:1500]}\n{where}"
             os.write(2, text.encode("utf-8", "replace"))
-            os.lseek(report, 0, os.SEEK_END)
-            os.write(report, f"{json.dumps([k, type(error).__name__])}\n".encode())
+            numbers.failures.value += 1
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
-        slowest = max(slowest, time.process_time() - begin)
-    os.lseek(report, 0, os.SEEK_END)
-    os.write(report, f"{json.dumps({'slowest': slowest, 'largest': largest})}\n".encode())
+        numbers.seconds.value = max(numbers.seconds.value, time.process_time() - begin)
+
+
+class Numbers:
+    """What a child process tells, also if it dies: the case at hand, failures, most seconds and memory of a case."""
+
+    def __init__(self, fork: Any) -> None:
+        self.case, self.failures = fork.Value("q", -1), fork.Value("q", 0)
+        self.seconds, self.megabytes = fork.Value("d", 0), fork.Value("d", 0)
 
 
 def bulk(kind: str, count: int, seed: int, first: int = 0) -> int:
     """Many cases in child processes; the number of failures."""
-    failures, slowest, largest, begin = 0, 0.0, 0, time.time()
+    begin, fork = time.time(), multiprocessing.get_context("fork")
+    numbers = Numbers(fork)
     with tempfile.TemporaryDirectory() as name, small():
-        folder = Path(name)
-        prepare(folder)
+        prepare(Path(name))
         for start in range(first, first + count, BATCH):
             cases = range(start, min(start + BATCH, first + count))
-            report = os.open(folder / "report", os.O_RDWR | os.O_CREAT | os.O_TRUNC)
-            child = os.fork()
-            if child == 0:
-                code = 1
-                try:
-                    batch(kind, seed, cases, folder, report)
-                    code = 0
-                finally:
-                    os._exit(code)
-            _, status = os.waitpid(child, 0)
-            last, *lines = (folder / "report").read_text().splitlines()
-            found = [json.loads(text) for text in lines]
-            failures += sum(isinstance(one, list) for one in found)
-            if status:
-                failures += 1
-                print(f"{kind} {seed} {last.strip()}: the process died, status {status}", file=sys.stderr)
-            for ended in (one for one in found if isinstance(one, dict)):
-                slowest, largest = max(slowest, ended["slowest"]), max(largest, ended["largest"])
-            os.close(report)
-    seconds = time.time() - begin
-    most = f"slowest {slowest:.2f} s, at most {largest / 2**20:.0f} MB"
+            child = fork.Process(target=batch, args=(kind, seed, cases, Path(name), numbers))
+            child.start()
+            child.join()
+            if child.exitcode:
+                numbers.failures.value += 1
+                print(f"{kind} {seed} {numbers.case.value}: the process died, {child.exitcode}", file=sys.stderr)
+    failures, seconds = numbers.failures.value, time.time() - begin
+    most = f"slowest {numbers.seconds.value:.2f} s, at most {numbers.megabytes.value:.0f} MB"
     print(f"{count} cases of {kind}, seed {seed}: {failures} failures, {seconds:.0f} s, {most}")
     return failures
 

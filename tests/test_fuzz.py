@@ -13,8 +13,6 @@ import fuzz
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 import dmis
 from dmis.cli.commands import main
@@ -28,8 +26,6 @@ COUNTS = {
     "command": 20,
 }  # fmt: skip
 """Cases of each kind in this run."""
-SHRUNK = {"parser": 20, "rule": 20}
-"""And of those whose numbers come from hypothesis, which is slow."""
 
 
 @pytest.fixture(scope="module")
@@ -55,19 +51,6 @@ def test_bad_input(folder, kind):
         except BaseException as error:
             error.add_note(f"{kind}, seed 0, case {k}")
             raise
-
-
-@pytest.mark.parametrize("kind", SHRUNK)
-def test_bad_input_made_smaller(folder, kind):
-    """What fails is made smaller before it is shown."""
-    options = {"max_examples": SHRUNK[kind], "suppress_health_check": list(HealthCheck), "database": None}
-
-    @settings(deadline=None, derandomize=True, **options)
-    @given(st.randoms(use_true_random=False))
-    def check(rng):
-        fuzz.KINDS[kind](rng, folder)
-
-    check()
 
 
 @pytest.mark.slow
