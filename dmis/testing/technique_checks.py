@@ -10,7 +10,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
-from dmis.brdf.materials import matte, plastic
+from dmis.brdf.materials import Material, matte, plastic
 from dmis.estimator.technique import TECHNIQUES, Technique, check_technique_form, checked_technique, register_technique
 from dmis.fit.fixed import Fixed
 from dmis.light.area import QuadLight
@@ -26,14 +26,9 @@ LEVEL = level(7)
 """Of each test: chi-square in four places, and three comparisons of renders."""
 _SKY = EnvironmentLight(0.2 + np.random.default_rng(8).random((8, 16, 3)))
 _TILTED = QuadLight((0.4, -0.6, 1.2), (0.3, 1.2, 0.2), (1.0, 0.2, -0.3), (5.0, 4.0, 3.0))
-_DIFFUSE, _GLOSSY = matte(0.6), plastic(0.4, 0.4, 0.05)
-_PLACES: tuple[tuple[SampledLight, str, float, bool], ...] = (
-    (ABOVE, "under a lamp", 35.0, False),
-    (_TILTED, "beside a lamp", 60.0, True),
-    (_SKY, "under a sky", 20.0, False),
-    (_SKY, "under a sky", 75.0, True),
-)
-"""Light, its name, angle of wo in degrees, and whether the surface is glossy."""
+_GLOSSY = plastic(0.4, 0.4, 0.05)
+_PLACES = ((matte(0.6), ABOVE, 35.0), (_GLOSSY, _TILTED, 60.0), (matte(0.6), _SKY, 20.0), (_GLOSSY, _SKY, 75.0))
+"""Material, light, and angle of wo in degrees."""
 
 
 def check_technique(technique: Technique) -> list[Outcome]:
@@ -49,18 +44,16 @@ def _checks(technique: Technique) -> Iterator[Check]:
     """Yield the checks of a technique."""
     check_technique_form(technique)
     guarded = checked_technique(technique)
-    check_values([_view(guarded, ABOVE, "under a lamp", 90.0, True, CORNERS[: technique.numbers])])
+    check_values([_view(guarded, _GLOSSY, ABOVE, 90.0, CORNERS[: technique.numbers])])
     views = [_view(guarded, *place, uniforms(COUNT, k, technique.numbers)) for k, place in enumerate(_PLACES)]
     if technique.exact:
         yield "sample follows pdf", lambda: check_pdf(views, LEVEL)
     yield "renders agree with balance", lambda: _check_renders(technique)
 
 
-def _view(
-    technique: Technique, light: SampledLight, lit_by: str, degrees: float, glossy: bool, u: Array
-) -> DensityView:
-    """Return the technique at one surface point under one light."""
-    material, wo = _GLOSSY if glossy else _DIFFUSE, polar(degrees) * [1, 1, degrees < 90]
+def _view(technique: Technique, material: Material, light: SampledLight, degrees: float, u: Array) -> DensityView:
+    """Return the technique at one surface point under one light, sampled by the uniform numbers `u`."""
+    wo = polar(degrees) * [1, 1, degrees < 90]
 
     def pdf(w: Array) -> Array:
         points = surface(material, wo, w.shape[1])
@@ -69,7 +62,7 @@ def _view(
     points = surface(material, wo, u.shape[1])
     light_sample = technique.sample(points, light, u)
     wi = light_sample.wi
-    place = f"{'glossy' if glossy else 'diffuse'} floor {lit_by}, wo at {degrees:g}°"
+    place = f"{material.name} below {type(light).__name__}, wo at {degrees:g}°"
     same = light_sample.emits == light.hit(points.p, wi).emits
     if same.mean() < 0.995:  # rounding decides at outlines
         raise Fault(f"sample must return light.hit in its directions; emits differs in {1 - same.mean():.0%} ({place})")
