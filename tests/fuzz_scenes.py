@@ -35,22 +35,8 @@ WORDS = sorted(
 )
 NUMBERS = "0 1 -1 3 1e9 1000000000 65536 1e38 1e308 1e-320 -0 2147483647 2147483648 .5 nan inf".split()
 NASTY = [
-    "[",
-    "]",
-    '"',
-    '""',
-    '"a\0b"',
-    "\ufffd",
-    "[1 2",
-    "[]",
-    '"../../../etc/passwd"',
-    '"/"',
-    '"."',
-    "#",
-    "\0",
-    "²",
-    "",
-]
+    "[", "]", '"', '""', '"a\0b"', "\ufffd", "[1 2", "[]", '"../../../etc/passwd"', '"/"', '"."', "#", "\0", "²", "",
+]  # fmt: skip
 PARAMETERS = """"float radius" 2,"point P" [0 0 0 1 0 0 0 1 0],"integer indices" [0 1 2],"rgb L" [1 2 3],
 "rgb Kd" [.5 .5 .5],"float scale" 3,"string filename" "a.ply","string filename" "a.exr",
 "texture Kd" "t","integer levels" 2,"rgb I" [1 1 1],
