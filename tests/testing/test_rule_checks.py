@@ -89,7 +89,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "another result each time": (
         rule(lambda brdf, light: np.full(brdf.shape, 0.5 + 1e-3 * (next(CALLS) % 7))),
         "pilot alone",
-        "weight differs by up to 0.00. in two renders of one seed",
+        "two renders of one seed differ",
     ),
     "fit raises": (rule(lambda brdf, light: brdf / "x"), REFUSED, "<lambda> raised TypeError: "),
     "sum of shares": (
