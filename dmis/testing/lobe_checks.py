@@ -7,6 +7,7 @@ sides of the surface are tried.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from dmis.base.vectors import Array, dot, normalise
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import Lobe, checked_lobe
 from dmis.brdf.materials import Material
-from dmis.scene.probe import check_lobe_form
 from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.density import CORNERS, COUNT, DensityView, Views, check_integral, check_pdf, check_values
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
@@ -50,8 +50,7 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
 
 def _checks(lobe: Lobe, albedo: Sequence[float]) -> Iterator[Check]:
     """Yield the checks of a lobe."""
-    check_lobe_form(lobe)
-    material = Material((checked_lobe(lobe, always=True),))
+    material = replace(Material((lobe,)), lobes=(checked_lobe(lobe, always=True),))
     if lobe.delta and albedo:
         raise Fault("a Dirac delta has no albedo that is checked")
     if lobe.delta:
