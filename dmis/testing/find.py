@@ -29,10 +29,7 @@ RECOGNISED = (
     "heuristics that are registered"
 )
 _KINDS: dict[str, type] = {"lobe": Lobe, "light": Light, "technique": Technique, "rule": Rule}
-_TABLES: dict[str, dict[str, Any]] = {
-    "rule": RULES, "technique": TECHNIQUES, "sampler": SAMPLERS, "heuristic": COMBINERS
-}  # fmt: skip
-_SHIPPED = {kind: dict(table) for kind, table in _TABLES.items()}
+_REGISTRIES: dict[str, Any] = {"rule": RULES, "technique": TECHNIQUES, "sampler": SAMPLERS, "heuristic": COMBINERS}
 
 
 @dataclass(frozen=True)
@@ -67,14 +64,13 @@ def find(module: ModuleType) -> list[Subject]:
     imported, are left out.
     """
     variables = {name: value for name, value in vars(module).items() if not name.startswith("_")}
-    shipped = _SHIPPED["technique"].values()
-    objects = {name: item for name, item in _objects(variables) if all(item is not other for other in shipped)}
+    objects = dict(_objects(variables))
     subjects = [Subject(name, _kind(type(item)), item) for name, item in objects.items()]
-    registered = {
-        kind: {name: item for name, item in table.items() if name not in _SHIPPED[kind]}
-        for kind, table in _TABLES.items()
-    }
-    used = {*(type(item) for _, item in _objects(vars(module))), *registered["rule"].values()}
+    registered = [
+        (kind, name, table[name]) for kind, table in _REGISTRIES.items() for name in table if name not in table.shipped
+    ]
+    used = {type(item) for _, item in _objects(vars(module))}
+    used |= {item for *_, item in registered if isinstance(item, type)}
     for name, cls in variables.items():
         if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
             try:
@@ -82,10 +78,9 @@ def find(module: ModuleType) -> list[Subject]:
             except Exception as error:
                 text = f"{raised(error)}. Give it defaults, or add an object: my_{name.lower()} = {name}(...)"
                 subjects.append(Subject(name, _kind(cls), None, text))
-    for kind, table in registered.items():
-        for name, item in table.items():
-            if all(item is not other for other in objects.values()):
-                subjects.append(Subject(name, kind, item if kind == "technique" else name))
+    for kind, name, item in registered:
+        if all(item is not other for other in objects.values()):
+            subjects.append(Subject(name, kind, item if kind == "technique" else name))
     return subjects
 
 
@@ -94,7 +89,7 @@ def _objects(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     for name, value in variables.items():
         if isinstance(value, Material):
             yield from ((f"{name}.lobes[{k}]", lobe) for k, lobe in enumerate(value.lobes))
-        elif _kind(type(value)):
+        elif _kind(type(value)) and not (isinstance(value, Technique) and value.name in TECHNIQUES.shipped):
             yield name, value
 
 

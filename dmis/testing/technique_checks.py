@@ -78,7 +78,7 @@ def _check_renders(technique: Technique) -> str:
         for shares in mixtures:
             if len(shares) > 1:  # it may be light or brdf itself
                 w = tuple(shares.values())
-                text = ",".join(f"{key}={share:g}" for key, share in shares.items())
+                text = "fixed:" + ",".join(f"{key}={share:g}" for key, share in shares.items())
                 rules.append((text, Fixed(w if len(w) > 2 else w[0], techniques=tuple(shares))))
         advice = f"sample or pdf of {name}: light and BRDF samples alone have another mean"
         return compare_means(box_scene(_GLOSSY, (ABOVE, _SKY), floor=TURNED), rules, LEVEL, advice)
