@@ -28,6 +28,9 @@ def test_p_values_are_uniform() -> None:
     p = np.array([chi2_p(rng.poisson(expected), expected) for _ in range(2000)])
     for limit in (0.5, 0.1, 0.01):
         assert abs((p < limit).mean() - limit) < 5 * math.sqrt(limit / 2000) + 0.005
+    assert chi2_p(np.array([9, 4, 90, 3]), np.array([3, 4.5, 99, 4])) == chi2_p(
+        np.array([16, 90]), np.array([11.5, 99])
+    )
     with pytest.raises(ValueError, match="needs two cells that expect 5 or more"):
         chi2_p(np.ones(3), np.ones(3))
 

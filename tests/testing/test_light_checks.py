@@ -63,6 +63,22 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any], str, str]] = {
         CAMERA,
         SEES + ".* up to 8, .* up to 4 .*emission",
     ),
+    "emission, 5 % less": (
+        Panel,
+        "hit",
+        lambda s, *_: replace(s, radiance=s.radiance * np.float32(1.05)),
+        CAMERA,
+        SEES,
+    ),
+    "emission turned": (
+        Panel,
+        "hit",
+        lambda s, p, w: replace(
+            s, radiance=np.where((p + w * s.distance)[[1, 1, 1]] > 0, np.float32(8), np.float32(1))
+        ),
+        CAMERA,
+        SEES,
+    ),
     "brightness": (Panel, "brightness", lambda *_: 4.0, CAMERA, r"^brightness.. returns 4, but .* 8"),
     "distance": (Panel, "sample", lambda s, *_: replace(s, distance=s.distance * 2), RENDERS, "same light samples"),
     "NaN": (Panel, "hit", pdf(lambda s: s.distance / s.distance), "accepts", "^Mine.hit: pdf .* got nan"),
