@@ -87,17 +87,6 @@ def test_rule_by_normals() -> None:
     np.testing.assert_array_equal(other.image, result.image)
 
 
-@pytest.mark.usefixtures("drawn")
-def test_technique_on_the_command_line(tmp_path: Path) -> None:
-    path = tmp_path / "my_cosine.py"
-    path.write_text(block("A technique"), "utf-8")
-    small = ["teapot-area-light", "--resolution", "16x12", "--spp", "4", "--plugin", str(path), "--quiet"]
-    assert main(["render", *small, "--rule", "fixed:light=0.5,cosine=0.5", "-o", str(tmp_path / "a.exr")]) == 0
-    options = ["--seeds", "2", "--reference-spp", "4", "-o", str(tmp_path / "out")]
-    assert main(["compare", *small, "--rules", "fixed:light=0.5,cosine=0.5", *options]) == 0
-    assert "fixed:light=0.5,cosine=0.5" in (tmp_path / "out" / "results.csv").read_text("utf-8")
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
