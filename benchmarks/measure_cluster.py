@@ -21,6 +21,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
+import numpy as np
 from common import ROOT
 from rows import markdown, read_rows, write_rows
 
@@ -28,10 +29,10 @@ import dmis
 from dmis.fit.rule import next_round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import _send
-from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.tile import Tile, make_tiles, render_tile
+from dmis.variance.moments import Film
 
 CSV = ROOT / "docs" / "tables" / "cluster.csv"
 FIELDS = ("quantity", "value")
@@ -94,15 +95,15 @@ def final_tiles(scene: dmis.Scene) -> list[Tile]:
 
 def merge_seconds(scene: dmis.Scene, tiles: list[Tile], file: bool) -> float:
     """Return the seconds to merge one of `tiles` into the film, and to append it to a checkpoint if `file`."""
-    film_tile = render_tile(scene, tiles[0])
+    tile, part = tiles[0], render_tile(scene, tiles[0])
     with tempfile.TemporaryDirectory() as folder:
         store = Store(Path(folder) / "checkpoint", {})
-        film = PassFilm(scene.camera.resolution, 1 + max(tile.number for tile in tiles), tiles[0].round)
+        film = Film(SPP, *np.zeros((2, *scene.camera.resolution[::-1], 3), np.float32))
         begin = time.perf_counter()
         for _ in range(100):
             if file:
-                store.append(film_tile)
-            film.merge_tile(film_tile)
+                store.append(tile, part)
+            film.merge(part, tile.area)
         seconds = (time.perf_counter() - begin) / 100
     return seconds
 

@@ -72,7 +72,7 @@ def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> 
     images = []
     for seed in seeds:
         with Passes(replace(job, seed=seed), 1) as passes:
-            images.append(passes.render(equal_numbers).moments.mean)
+            images.append(passes.render(equal_numbers).mean)
     deviations = np.array(images, np.float64)
     deviations -= deviations.mean(axis=0)
     return np.square(deviations).mean(axis=-1) * len(images) / (len(images) - 1)

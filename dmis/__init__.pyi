@@ -30,6 +30,7 @@ from dmis.brdf.relief import NormalMap as NormalMap
 from dmis.brdf.texture import Image as Image
 from dmis.doctor.diagnosis import diagnose as diagnose
 from dmis.estimator.mis import register_heuristic as register_heuristic
+from dmis.estimator.records import Wants as Wants
 from dmis.estimator.settings import Settings as Settings
 from dmis.estimator.technique import Technique as Technique
 from dmis.estimator.technique import register_technique as register_technique

@@ -9,9 +9,8 @@ from dmis.base.patches import PATCH, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Record
-from dmis.fit.round import Pilot
 from dmis.variance.curves import GRID, HALF, Curves, with_gain_square
-from dmis.variance.moments import Moments
+from dmis.variance.moments import Film, Moments
 
 COLOUR = np.array([[0.3], [0.6], [2.1]], np.float32)  # of a sample, whose mean over channels counts
 A = 0.25  # p_l = 2 x, p_b = 2 (1 - x) on [0, 1], f = A + (1 + 2 y) x at the point y, uniform in [0, 1]
@@ -66,7 +65,7 @@ def unbiased(values: Array, expected: float) -> bool:
 PLAIN = {"filter": "none", "cost": False, "guard": 0.0}
 
 
-def pilot_of_curves(curve: Array, noise: float = 0.0, shape: tuple[int, int] = (32, 32)) -> dict[float, Pilot]:
+def pilot_of_curves(curve: Array, noise: float = 0.0, shape: tuple[int, int] = (32, 32)) -> dict[float, Film]:
     """A pilot whose pixels have the curves given per patch of 4 pixels ``(G, rows, columns)``, with a spread.
 
     Their second moments are the curves.
@@ -77,4 +76,4 @@ def pilot_of_curves(curve: Array, noise: float = 0.0, shape: tuple[int, int] = (
     sums["gain_square"] = sums["gain_square"] + noise**2
     sums |= {"pattern": np.zeros(curve.shape), "position": np.zeros(pixels.shape)}
     moments = Moments(6, np.ones((*shape, 3)), np.ones((*shape, 3)))
-    return {0.5: Pilot(moments, {"camera": 100}, {name: a * pixels for name, a in sums.items()})}
+    return {0.5: Film.of(moments, rays={"camera": 100}, sums={name: a * pixels for name, a in sums.items()})}

@@ -83,7 +83,7 @@ class Mine(dmis.Rule):
     pilot = {0.0: 2, 1.0: 2}
     settings = {"reuse_pilot": False}
     def fit(self, pilot):
-        brdf, light = (pilot[k].moments.variance().mean(axis=2) for k in (0.0, 1.0))
+        brdf, light = (pilot[k].variance().mean(axis=2) for k in (0.0, 1.0))
         h, w = brdf.shape
         SHARE
 """

@@ -14,9 +14,8 @@ pytest.importorskip("matplotlib")
 import dmis
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.phong import Lafortune
-from dmis.fit.round import Pilot
 from dmis.geometry import shapes, transforms
-from dmis.variance.moments import Moments
+from dmis.variance.moments import Film, Moments
 
 pytestmark = pytest.mark.examples
 FILE = Path(__file__).parent.parent / "examples" / "one_file.py"
@@ -80,7 +79,7 @@ def test_one_file_has_the_weights_of_the_rule(one) -> None:
     pilot = np.array([[one.camera_sample((96, 128), w, rng) for _ in range(2)] for w in one.STRATEGIES])
     pilot[..., : one.PATCH, : one.PATCH, :] = 0  # a patch without light
     y, raw, filtered = one.learn_weights(pilot)
-    films = {w: Pilot(Moments.of(samples)) for w, samples in zip(one.STRATEGIES.tolist(), pilot)}
+    films = {w: Film.of(Moments.of(samples)) for w, samples in zip(one.STRATEGIES.tolist(), pilot)}
     fit = dmis.make_rule(f"thesis:patch={one.PATCH}").fit(films)
     assert set(fit.maps["status"].ravel()) == {0, 1, 2, 3}  # every case occurs
     np.testing.assert_allclose(y, fit.maps["variances"], rtol=1e-9)

@@ -115,7 +115,7 @@ STATISTIC: Plants = {
     "sums of other pixels": ("sums", lambda s: {name: a[1:] for name, a in s.items()}),
 }
 RULE: Plants = {
-    "fit writes the film": ("fit", lambda fit, pilot: spoil(fit, pilot[0.5].moments.mean)),
+    "fit writes the film": ("fit", lambda fit, pilot: spoil(fit, pilot[0.5].mean)),
     "fit writes sums": ("fit", lambda fit, pilot: spoil(fit, pilot[0.5].sums["n"])),
     "fit of NaN": ("fit", lambda fit, pilot: dmis.Fit(NAN)),
 }
@@ -321,7 +321,7 @@ def test_lost_light_is_refused(changes: dict[str, Any], message: str) -> None:
     settings = replace(round_.settings, integrator="direct", max_depth=5, sampler="sobol")
     round_ = replace(round_, settings=settings)
     with pytest.raises(ValueError, match=message) if message else nullcontext():
-        round_.check((4, 4))
+        round_.checked((4, 4))
 
 
 @pytest.mark.parametrize(

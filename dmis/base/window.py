@@ -29,3 +29,17 @@ def window_area(window: Iterable[Any] | None, resolution: Sequence[int]) -> tupl
             f"the size of the image; got {window}"
         ) from None
     return slice(y0, y1), slice(x0, x1)
+
+
+def overlap(area: tuple[slice, slice], window: Window) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
+    """Return the rows and columns that an area and a window share, from the corner of each; None: they share none."""
+    rows, columns = area
+    left, top = max(columns.start, window[0]), max(rows.start, window[1])
+    right, bottom = min(columns.stop, window[2]), min(rows.stop, window[3])
+    if left >= right or top >= bottom:
+        return None
+
+    def from_corner(x: int, y: int) -> tuple[slice, slice]:
+        return slice(top - y, bottom - y), slice(left - x, right - x)
+
+    return from_corner(columns.start, rows.start), from_corner(window[0], window[1])

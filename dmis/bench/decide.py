@@ -12,14 +12,14 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.bench.data import Pilots
 from dmis.bench.samples import SampleTable
-from dmis.estimator.records import PIXEL_SUMS, Record
+from dmis.estimator.records import PIXEL_SUMS, Record, wants_of
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
 from dmis.fit.fixed import Given
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.round import Budget, Round
 from dmis.fit.rule import Rule, merge_settings, next_round, rule_text
-from dmis.pipeline.film import asks, patch_sums
+from dmis.pipeline.statistic import patch_sums
 from dmis.variance.moments import Film, Moments
 
 AnyRule = Rule | str | Callable[[Mapping[float, SampleTable]], Any]
@@ -62,7 +62,8 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     rounds = rule.rounds(Budget(SPP, shape, settings, seed, rule.weigh or settings.weigh))
     film = None
     used = Counter[float]()
-    while (round_ := next_round(rounds, film, rule)) is not None:
+    while (requested := next_round(rounds, film, rule)) is not None:
+        round_ = requested.checked(shape)
         if round_.stage == "final" or round_.patterns is not None:
             if round_.mixture != (LIGHT, BRDF):
                 names = " and ".join(technique.name for technique in round_.mixture)
@@ -74,7 +75,7 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     raise ValueError(f"rule {text} must yield a final round, which budget.final(fit) makes; got none")
 
 
-def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pilot:
+def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Film:
     """Return the film of a round, of samples that no other film has; `used` counts these by w."""
     n, s, shares = int(np.max(round_.spp)), round_.settings.shading_samples, (round_.shares, round_.tilt)
     observed = np.broadcast_to(round_.spp, next(iter(pilots.tables.values())).shape) > 0
@@ -95,7 +96,7 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
         )
     if round_.needs_features == "pixels":
         raise ValueError(f"rule {text} needs features of pixels; the data hold those of patches. Measure it by compare")
-    if round_.statistic is not None and asks(round_.statistic(1, s), "directions"):
+    if round_.statistic is not None and wants_of(round_.statistic(1, s)).directions:
         raise ValueError(f"rule {text} needs directions of samples; the data hold densities. Measure it by compare")
     used[w] += n
     part = _part(table, begin, n, s)
@@ -103,10 +104,10 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
     radiance = part.radiance(tilt).astype(np.float32)
     moments = Moments.of(radiance)
     mean, root = (a.astype(np.float32) for a in (moments.mean, np.sqrt(moments.m2)))
-    film = Film(n if observed.all() else n * observed[..., None], mean * observed[..., None], root)
+    number = n if observed.all() else n * observed[..., None]
     features = pilots.features if round_.needs_features else {}
     sums = _sums(round_, part, radiance, tilt, observed)
-    return Pilot(film, part.rays, sums, s, features, budget=SPP)
+    return Film(number, mean * observed[..., None], root, part.rays, sums, s, features, budget=SPP)
 
 
 def _sums(
@@ -117,15 +118,16 @@ def _sums(
     statistic = None if round_.statistic is None else round_.statistic(pixels, part.shading_samples)
     if statistic is None:
         return {}
-    if getattr(statistic, "needs_records", True):
+    wants = wants_of(statistic)
+    if wants.records:
         statistic.add(_records(part, tilt), radiance.reshape(-1, 3).T, part.spp)
     sums = {name: a * observed.reshape(-1) for name, a in statistic.sums().items()}
-    if asks(statistic, "pixel_sums"):
+    if wants.pixel_sums:
         per_pixel = np.ones(pixels) / pixels
         closest, occlusion = (part.rays.get(kind, 0) for kind in ("camera", "shadow"))
         squares = np.square(radiance.astype(float)).mean(axis=-1).sum(axis=0).reshape(-1)
         sums |= dict(zip(PIXEL_SUMS, (closest * per_pixel, occlusion * per_pixel, squares), strict=True))
-    return patch_sums(sums, part.shape, asks(statistic, "by_colour"))
+    return patch_sums(sums, part.shape, wants)
 
 
 def _part(table: SampleTable, begin: int, n: int, s: int) -> SampleTable:

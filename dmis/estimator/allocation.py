@@ -162,6 +162,15 @@ class SampleBlock:
         return np.tile(self.pixels, self.count), np.repeat(numbers, len(self.pixels))
 
 
+def values_of_blocks(blocks: Sequence[SampleBlock], values: Array) -> Iterator[tuple[SampleBlock, Array]]:
+    """Yield each block and the `values` ``(..., N)`` of its camera samples, ``(..., count, A)``."""
+    begin = 0
+    for block in blocks:
+        end = begin + block.count * len(block.pixels)
+        yield block, values[..., begin:end].reshape(*values.shape[:-1], block.count, -1)
+        begin = end
+
+
 @dataclass(frozen=True, eq=False)
 class CameraSamples:
     """N camera samples of one batch, and how their shading samples are divided.

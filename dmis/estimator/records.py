@@ -4,13 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Literal, Protocol
 
 from dmis.base.vectors import Array, Selection
 from dmis.scene.shading_points import ShadingPoints
 
 PIXEL_SUMS = ("closest hits", "occlusion rays", "squares")
-"""Sums of a film whose statistic has a true ``pixel_sums``: rays of the pixels, and their samples squared."""
+"""Sums of a film whose statistic wants ``pixel_sums``: rays of the pixels, and their samples squared."""
+
+
+@dataclass(frozen=True)
+class Wants:
+    """What a statistic wants to be sent, and how its sums are kept: its class attribute ``wants``.
+
+    Parameters
+    ----------
+    records
+        Whether it is sent records of the shading samples; without, their time is saved.
+    directions
+        Whether these have `Record.wi`, `Record.p` and `Record.surface`.
+    pixel_sums
+        Whether the film has `PIXEL_SUMS` beside the sums of the statistic.
+    sums
+        Over all pixels of each of the ``patches``; over those of each of four ``colours``
+        (`dmis.base.patches.COLOURS`); or of each of the ``pixels`` (`dmis.base.patches.pixels_apart`).
+    """
+
+    records: bool = True
+    directions: bool = False
+    pixel_sums: bool = False
+    sums: Literal["patches", "colours", "pixels"] = "patches"
+
+
+_EARLIER = {"directions": "directions=True", "by_colour": 'sums="colours"', "by_pixel": 'sums="pixels"'}
+"""Attributes of statistics that `Wants` replaced, and its arguments."""
+
+
+def wants_of(statistic: Any) -> Wants:
+    """Return what a statistic, or what makes it, wants; by default records alone.
+
+    A ValueError if it says so as in earlier versions.
+    """
+    for name, argument in _EARLIER.items():
+        if getattr(statistic, name, None) is True:
+            raise ValueError(f"a statistic must have wants = dmis.Wants({argument}) in place of {name} = True")
+    wants: Wants = getattr(statistic, "wants", Wants())
+    return wants
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +100,7 @@ class Records(list[Record]):
 class Statistic(Protocol):
     """Sums over the shading samples of a tile; made with its number of pixels and of shading samples.
 
-    `dmis.variance.curves.Curves` is one. Class attributes that are true ask for more: ``directions`` for those
-    of the samples, ``by_colour`` for sums over the pixels of each colour (`dmis.base.patches.COLOURS`),
-    ``by_pixel`` for those of each pixel (`dmis.base.patches.pixels_apart`), and ``pixel_sums`` for rays and squares of
-    the pixels (`PIXEL_SUMS`). One whose ``needs_records`` is False is sent none, which saves their time.
+    `dmis.variance.curves.Curves` is one. A class attribute ``wants`` says what else it needs, see `Wants`.
     """
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:

@@ -29,7 +29,7 @@ from dmis.estimator.settings import DEFAULTS, Settings, make_settings
 from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, from_cache, render_halves
-from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
+from dmis.fit.round import Budget, Fit, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint, sampling_hashes
@@ -37,6 +37,7 @@ from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID_SHARES, HALF, Curves
+from dmis.variance.moments import Film
 from dmis.variance.tilt_curves import TiltCurves
 
 LAYOUT = 3
@@ -118,7 +119,7 @@ def read_curves(path: Path) -> tuple[dict[str, int], dict[str, Array]]:
 class _CurveMaps(SecondMoment):
     """Rule whose maps are the parts of the variance curves; it mixes both techniques equally."""
 
-    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+    def fit(self, pilot: Mapping[float, Film]) -> Fit:
         """Return equal shares, and the means over patches of the parts of the curves."""
         means, _ = self.pooled(pilot[0.5])
         return Fit(0.5, {name: means[name] for name in _CURVE_PARTS})
@@ -128,7 +129,7 @@ class _CurveMaps(SecondMoment):
 class _TiltMaps(_CurveMaps):
     """Rule whose maps are the variance at every tilt, in the form of the curves of shares."""
 
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
         """Yield camera samples of the balance heuristic, without pairs, and a final pass."""
         film = yield replace(budget.pilot(0.5, self.spp), statistic=TiltCurves)
         variance = self.pooled(film)[0]["curve"]
@@ -189,7 +190,7 @@ class _PatchMaps(SecondMoment):
     def statistic(self) -> Callable[[int, int], Statistic]:
         return partial(_PixelSums, combiner=self.combiner or Settings.combiner, gain=self.gain)
 
-    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+    def fit(self, pilot: Mapping[float, Film]) -> Fit:
         """Return equal shares, and the maps."""
         return Fit(0.5, self.pooled(pilot[0.5])[0])
 

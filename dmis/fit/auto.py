@@ -28,7 +28,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import EQUAL, SAMPLES_OF, separate_lights
 from dmis.fit.best_pattern import PatternChoice, decide_one_pattern, decide_patterns, error_of_numbers, looks_at
-from dmis.fit.round import Budget, Fit, Pilot, Round
+from dmis.fit.round import Budget, Fit, Round
 from dmis.fit.rule import OptionRule
 from dmis.fit.sample_density import (
     EXPONENT,
@@ -40,6 +40,7 @@ from dmis.fit.sample_density import (
     variance_of_mean,
 )
 from dmis.fit.sample_numbers import FIRST_ROUNDS, LEAST_SPP, powers_of_two
+from dmis.variance.moments import Film
 from dmis.variance.pattern_curves import PatternCurves
 
 LOOK, LOOK_PATHS = 16, 128
@@ -124,7 +125,7 @@ class Auto(OptionRule):
             return 0
         return max(2, budget.spp // (LOOK_PATHS if on_paths(budget) else LOOK))
 
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
         """Yield the pilot, the first round, which is the same for all pixels, and the second one that it decides.
 
         On paths the pilot also tells whether uneven numbers may pay. If not, the rest is one round of equal numbers.
@@ -167,7 +168,7 @@ class Auto(OptionRule):
     def second_round(
         self,
         first_round: Round,
-        first: Pilot,
+        first: Film,
         budget: Budget,
         choice: PatternChoice | None,
         maps: Mapping[str, np.ndarray],

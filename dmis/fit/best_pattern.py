@@ -37,9 +37,9 @@ from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF
 from dmis.filter import gaussian
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.fit.pooling import pool
-from dmis.fit.round import Pilot
 from dmis.fit.sample_density import CONFIDENCES, DARK, confidence
 from dmis.fit.sample_numbers import light_halvings
+from dmis.variance.moments import Film
 
 HALF = int(SHARE_OF[FIRST])
 """Index of w = 1/2, the share of the pilot, in `dmis.estimator.patterns.SHARES`."""
@@ -99,7 +99,7 @@ def looks_at(shape: tuple[int, int], every: int = 1) -> np.ndarray:
     return np.where((rows + columns) % every == 0, mask, 0)
 
 
-def decide_patterns(pilot: Pilot, error: str, guard: float, exponent: float) -> tuple[PatternChoice | None, float]:
+def decide_patterns(pilot: Film, error: str, guard: float, exponent: float) -> tuple[PatternChoice | None, float]:
     """Return the patterns of patches from a pilot, None if they do not pay, and their predicted error.
 
     They are `MOST_PATTERNS` at most, with the halvings of each light that suit them. The error is that over the error
@@ -125,7 +125,7 @@ def decide_patterns(pilot: Pilot, error: str, guard: float, exponent: float) -> 
     return (choice if predicted < PATTERN_PRICE else None), predicted
 
 
-def decide_one_pattern(pilot: Pilot, error: str) -> tuple[PatternChoice | None, float]:
+def decide_one_pattern(pilot: Film, error: str) -> tuple[PatternChoice | None, float]:
     """Return one pattern for all patches, None if 1:1 is as good, and its predicted error times its cost.
 
     It has at most two shading samples, and one technique alone needs to be safe (`allowed_weights`). It is for paths,
@@ -149,27 +149,27 @@ def decide_one_pattern(pilot: Pilot, error: str) -> tuple[PatternChoice | None, 
     return PatternChoice(of_patches, np.full(weight.shape, cost[best[ALL]]), none, np.ones(weight.shape)), predicted
 
 
-def _patch_weight(pilot: Pilot, error: str) -> Array:
+def _patch_weight(pilot: Film, error: str) -> Array:
     """Return the weight of patches in the error, by the pixels that the pilot looks at; 0 where it has none."""
-    shape = pilot.moments.mean.shape[:2]
-    pixels = patch_sum(np.broadcast_to(pilot.moments.n, (*shape, 1))[..., 0] > 0, PATCH)
+    shape = pilot.mean.shape[:2]
+    pixels = patch_sum(np.broadcast_to(pilot.n, (*shape, 1))[..., 0] > 0, PATCH)
     seen = pixels > 0
     if error == "absolute":
         return seen.astype(np.float64)
-    radiance = patch_sum(pilot.moments.mean.mean(axis=2), PATCH) / np.maximum(pixels, 1)
+    radiance = patch_sum(pilot.mean.mean(axis=2), PATCH) / np.maximum(pixels, 1)
     # q = 1 / (I^2 + e)
     dark = max(DARK * float(radiance[seen].mean()) ** 2, float(TINY))
     return np.where(seen, 1 / (radiance**2 + dark), 0)
 
 
-def curves_of_patches(pilot: Pilot) -> tuple[PatchCurves, Array]:
+def curves_of_patches(pilot: Film) -> tuple[PatchCurves, Array]:
     """Return the curves of patches at `SHARES`, for two shading samples, filtered among neighbours that look alike.
 
     And the variance of what is reflected of each light, and of the rest, ``(L + 1, rows, columns)``; ``(0, ...)`` if it
     was not gathered.
     """
-    shape = pilot.moments.mean.shape[:2]
-    pixels = np.broadcast_to(pilot.moments.n, (*shape, 1))[..., 0] > 0
+    shape = pilot.mean.shape[:2]
+    pixels = np.broadcast_to(pilot.n, (*shape, 1))[..., 0] > 0
     number = {"pixels": np.maximum(patch_sum(pixels.astype(float), PATCH), 1e-9)}
     sums = ((name, a.sum(axis=0)) for name, a in pilot.sums.items())
     # no name keeps the sums: `pool` frees them
@@ -211,7 +211,7 @@ def best_of_few(errors: Array, weight: Array, exponent: float) -> np.ndarray:
     return np.asarray(chosen, np.uint8)[errors[chosen].argmin(axis=0)]
 
 
-def error_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> float:
+def error_of_numbers(pilot: Film, error: str, exponent: float, n_1: int) -> float:
     """Return the predicted error of uneven numbers of camera samples over that of equal ones, at equal cost.
 
     Numbers from `n_1` on follow the variance of patches that half of the pixels see; the other half judges.
@@ -238,7 +238,7 @@ def error_of_numbers(pilot: Pilot, error: str, exponent: float, n_1: int) -> flo
     return float(np.mean(errors))
 
 
-def curves_of_image(pilot: Pilot, colours: Sequence[int], weight: Array) -> PatchCurves:
+def curves_of_image(pilot: Film, colours: Sequence[int], weight: Array) -> PatchCurves:
     """Return the curves of the image as those of one patch, from the samples of some colours.
 
     `weight` is that of each patch in the error.

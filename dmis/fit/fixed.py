@@ -12,8 +12,9 @@ from dmis.base.validate import number
 from dmis.base.vectors import Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.settings import DEFAULTS
-from dmis.fit.round import Fit, Pilot, Weight
+from dmis.fit.round import Fit, Weight
 from dmis.fit.rule import OptionRule, Rule
+from dmis.variance.moments import Film
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Fixed(OptionRule):
         """Whether w is the shares of all techniques."""
         return isinstance(self.w, tuple)
 
-    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+    def fit(self, pilot: Mapping[float, Film]) -> Fit:
         """Return the given shares; there is no pilot."""
         return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)
 
@@ -99,7 +100,7 @@ class Given(Rule):
                 copied.flags.writeable = False
                 object.__setattr__(self, name, copied if copied.ndim else float(copied))
 
-    def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
+    def fit(self, pilot: Mapping[Any, Film]) -> Fit:
         """Return the given maps; there is no pilot."""
         return Fit(self.weight, samples=self.samples)
 

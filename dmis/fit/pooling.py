@@ -12,9 +12,10 @@ from dmis.base.validate import number, one_of, positive
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps, effective, gaussian, joint
-from dmis.fit.round import Pilot, Weight
+from dmis.fit.round import Weight
 from dmis.fit.rule import OptionRule
 from dmis.scene.feature_buffers import FEATURE_SCALES
+from dmis.variance.moments import Film
 
 
 def pool(
@@ -133,7 +134,7 @@ class PooledRule(OptionRule):
             def fit(self, pilot):
                 means, _ = self.pooled(pilot[0.5])
                 light, brdf = np.sqrt(np.maximum(means["values"], 1e-12))
-                shape = pilot[0.5].moments.mean.shape[:2]
+                shape = pilot[0.5].mean.shape[:2]
                 return dmis.Fit(patch_spread(light / (light + brdf), self.patch, shape))
     """
 
@@ -177,14 +178,14 @@ class PooledRule(OptionRule):
         """Samples of the pilot, at w = 1/2."""
         return {0.5: self.spp}
 
-    def pooled(self, pilot: Pilot) -> tuple[dict[str, Array], Array]:
+    def pooled(self, pilot: Film) -> tuple[dict[str, Array], Array]:
         """Return the means of the pilot's sums over patches, filtered, and the effective number of pixels of each."""
         sigma = None if self.filter == "none" else self.sigma
-        shape = pilot.moments.mean.shape[:2]
+        shape = pilot.mean.shape[:2]
         features = pilot.features if self.needs_features else None
         return pool(pilot.sums, shape, self.patch, sigma, self.size // 2, features)
 
-    def sample_cost(self, pilot: Pilot, shares: Array) -> Array:
+    def sample_cost(self, pilot: Film, shares: Array) -> Array:
         """Return the cost of a camera sample at `shares` ``(K, G)`` of the techniques, ``(G,)``; 1 if none counts."""
         if not self.cost:
             return np.ones(shares.shape[1])

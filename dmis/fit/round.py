@@ -1,13 +1,15 @@
 """What passes between a rule and the renderer: budget, rounds, their films, and fits.
 
-A rule has a `Budget`, from which it makes `Round`s, asks for one after the other, and is sent the `Pilot`, the film, of
-each (`dmis.fit.rule.Rule.rounds`). Most rules turn the pilot into a `Fit`, shares of samples, and no more.
+A rule has a `Budget`, from which it makes `Round`s, asks for one after the other, and is sent the
+`dmis.variance.moments.Film` of each (`dmis.fit.rule.Rule.rounds`). Most rules turn the film of a pilot into a `Fit`,
+shares of samples, and no more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +18,9 @@ from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import PatternMap
-from dmis.estimator.records import Statistic
+from dmis.estimator.records import Statistic, wants_of
 from dmis.estimator.settings import Settings, check_mixture
-from dmis.estimator.technique import BRDF, LIGHT, Technique, check_technique_form, technique_by_name
+from dmis.estimator.technique import Technique, check_technique_form, technique_by_name
 from dmis.fit.sample_numbers import whole_samples
 from dmis.samplers.streams import stream
 from dmis.scene.plan import Plan
@@ -69,7 +71,7 @@ class Round:
         Techniques that share the samples in the place of those that the settings name: two or more, by name or as
         `Technique` objects, which may hold what an earlier round taught; empty: those of the settings.
 
-    A ValueError if shares or tilt are not shares of the techniques, or a number of samples is not whole, or negative.
+    A round is checked where the renderer receives it, see `checked`.
     """
 
     spp: Array | int
@@ -86,32 +88,13 @@ class Round:
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     techniques: tuple[Technique | str, ...] = ()
 
-    def __post_init__(self) -> None:
-        self._check_statistic()
-        self._check_techniques()
-        techniques = len(self.mixture)
-        one_of("needs_features of a round", self.needs_features, (False, True, "pixels"))
-        object.__setattr__(self, "shares", np.asarray(self.shares))
-        _check_shares("shares of a round", self.shares, techniques)
-        if self.tilt is not None:
-            check_weigh("heuristic", self.settings.combiner)
-            object.__setattr__(self, "tilt", np.asarray(self.tilt))
-            _check_shares("tilt of a round", self.tilt, techniques)
-        for name, values in (("spp", self.spp), ("begin", self.begin), ("image_weight", self.image_weight)):
-            values = np.asarray(values)
-            if values.dtype.kind not in "iu":
-                whole_numbers = "Make it whole by dmis.fit.sample_numbers.whole_samples"
-                raise ValueError(f"{name} of a round must be whole; got {values.flat[0]:g}. {whole_numbers}")
-            if values.min(initial=0) < 0:
-                raise ValueError(f"{name} of a round must not be negative; got {values.min()}")
-            if values.ndim == 0:
-                object.__setattr__(self, name, int(values))
+    def checked(self, shape: tuple[int, int]) -> Round:
+        """Return the round as it is rendered: shares and tilt are arrays, and single numbers are of Python.
 
-    def check(self, shape: tuple[int, int]) -> None:
-        """Raise a ValueError unless the round is one of an image of `shape` (height, width).
-
-        Arrays must have a value for each pixel, and each pixel samples, if the round is part of the image. Settings
-        must have values in place of ``auto``, which would be read as direct lighting. No light must be lost.
+        A ValueError unless it is one of an image of `shape` (height, width). Shares and tilt must be shares of the
+        techniques, and numbers of samples whole. Arrays must have a value for each pixel, and each pixel samples, if
+        the round is part of the image. Settings must have values in place of ``auto``, which would be read as direct
+        lighting. No light must be lost.
         """
         for name in ("integrator", "max_depth", "sampler"):
             if getattr(self.settings, name) == "auto":
@@ -119,26 +102,32 @@ class Round:
                     f"settings of a round must be those of its budget; got {name}='auto'. Write budget.settings, or "
                     f"dataclasses.replace(budget.settings, ...)"
                 )
-        k = len(self.shares)
-        for name, of_image in (("spp", ()), ("begin", ()), ("shares", (k,)), ("tilt", (k,))):
-            values = getattr(self, name)
-            of_pixels = (*of_image, *shape)
-            if values is not None and np.shape(values) not in (of_image, of_pixels):
-                raise ValueError(
-                    f"{name} of a round must be of shape {of_image} or {of_pixels}, for the image or for each pixel "
-                    f"(height, width); got {np.shape(values)}"
-                )
-        if self.image_weight and self.before is None and np.min(self.spp) < 1:
+        one_of("needs_features of a round", self.needs_features, (False, True, "pixels"))
+        settings = self._settings_of_techniques() if self.techniques else self.settings
+        if self.statistic is not None:
+            self._check_statistic()
+        k = len(self.mixture)
+        numbers: dict[str, Any] = {
+            name: _whole(f"{name} of a round", getattr(self, name), shape) for name in ("spp", "begin", "image_weight")
+        }
+        shares = _checked_shares("shares of a round", self.shares, k, shape)
+        if numbers["image_weight"] and self.before is None and np.min(self.spp) < 1:
             raise ValueError(
                 f"spp of a round with an image_weight must be at least 1, because every pixel of the image needs "
                 f"samples; got {np.min(self.spp)}"
             )
-        shares = self.shares if self.patterns is None else self.patterns.shading_samples(np.ones(shape, int))
-        combiner_by_name(self.settings.combiner).check_lost(shares, self.tilt)
+        tilt, combiner = None, combiner_by_name(settings.combiner)
+        if self.tilt is not None:
+            check_weigh("heuristic", settings.combiner)
+            tilt = _checked_shares("tilt of a round", self.tilt, k, shape)
+        if tilt is not None or combiner.share_range[0] > 0:
+            taken = shares if self.patterns is None else self.patterns.shading_samples(np.ones(shape, int))
+            combiner.check_lost(taken, tilt)
+        return replace(self, **numbers, shares=shares, tilt=tilt, settings=settings)
 
     def _check_statistic(self) -> None:
         """Raise a ValueError if a statistic would get other numbers of samples than it is told."""
-        if self.statistic is None or not getattr(self.statistic, "needs_records", True):
+        if not wants_of(self.statistic).records:
             return
         if len({*np.unique(self.spp)} - {0}) > 1 or self.patterns is not None:
             raise ValueError(
@@ -147,10 +136,8 @@ class Round:
                 "before"
             )
 
-    def _check_techniques(self) -> None:
-        """Raise a ValueError unless `techniques` can share the samples in the place of those of the settings."""
-        if not self.techniques:
-            return
+    def _settings_of_techniques(self) -> Settings:
+        """Return the settings for `techniques`; a ValueError unless these can share the samples."""
         if not isinstance(self.techniques, tuple | list):
             raise ValueError(
                 f"techniques of a round must be a tuple of names and dmis.Techniques; got {self.techniques!r}"
@@ -161,8 +148,8 @@ class Round:
         for technique in self.mixture:
             check_technique_form(technique)
         check_mixture(self.settings.combiner, self.mixture)
-        if self.settings.sky_compensation and "brdf" not in names:  # nothing samples what it leaves out
-            object.__setattr__(self, "settings", replace(self.settings, compensation=0.0))
+        # without BRDF samples nothing samples what compensation leaves out
+        return self.settings if "brdf" in names else replace(self.settings, compensation=0.0)
 
     @property
     def mixture(self) -> tuple[Technique, ...]:
@@ -184,13 +171,9 @@ class Round:
 
     def in_row_order(self) -> Round:
         """Return the round of pixels in row order: numbers ``(P,)``, shares ``(K, P)``, or ``(K, 1)`` if all equal."""
-        return replace(
-            self,
-            spp=_in_row_order(self.spp),
-            begin=_in_row_order(self.begin),
-            shares=_shares_in_row_order(self.shares),
-            tilt=None if self.tilt is None else _shares_in_row_order(self.tilt),
-        )
+        spp, begin = (n if isinstance(n, int) else n.reshape(-1) for n in (self.spp, self.begin))
+        tilt = None if self.tilt is None else _shares_in_row_order(self.tilt)
+        return replace(self, spp=spp, begin=begin, shares=_shares_in_row_order(self.shares), tilt=tilt)
 
     def technique_samples(self) -> tuple[Array, Array, Array]:
         """Return the camera samples of each pixel, and its light and BRDF samples, those of `before` included.
@@ -207,50 +190,6 @@ def _shares_in_row_order(shares: Array) -> Array:
     """Return shares ``(K, P)`` in row order, or ``(K, 1)`` if all pixels have the same."""
     shares = shares.reshape(len(shares), -1)
     return shares[:, :1].copy() if (shares == shares[:, :1]).all() else shares
-
-
-def _in_row_order(values: Array | int) -> Array | int:
-    """Return the values of pixels in row order, ``(P,)``; one number stays one."""
-    return values if isinstance(values, int) else values.reshape(-1)
-
-
-@dataclass(frozen=True, eq=False)
-class Pilot:
-    """The film of a round: moments, rays and statistics of its samples.
-
-    Attributes
-    ----------
-    moments
-        Moments of the samples of each pixel, mean ``(H, W, 3)``.
-    rays
-        Rays traced, by kind.
-    sums
-        Sums of the rule's statistic over patches of `dmis.base.patches.PATCH` pixels,
-        ``(..., rows, columns)``.
-    shading_samples
-        Shading samples of each camera sample.
-    features
-        Feature buffers of these patches ``(C, rows, columns)``, or of pixels ``(C, H, W)``, as `Round.needs_features`.
-    techniques
-        The techniques that took the samples.
-    budget
-        Camera samples per pixel of the whole render, the pilot's included.
-    """
-
-    moments: Film
-    rays: Mapping[str, int] = field(default_factory=dict)
-    sums: Mapping[str, Array] = field(default_factory=dict)
-    shading_samples: int = 4
-    features: Mapping[str, Array] = field(default_factory=dict)
-    techniques: tuple[Technique, ...] = (LIGHT, BRDF)
-    budget: int = 128
-
-    def __repr__(self) -> str:
-        height, width = self.moments.mean.shape[:2]
-        spp = np.mean(self.moments.n)
-        techniques = " + ".join(technique.name for technique in self.techniques)
-        sums = ", ".join(self.sums) or "none"
-        return f"Pilot({width}x{height}, {spp:.3g} spp, {techniques}, sums: {sums})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,8 +333,10 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
             f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
             f"for each pixel (height, width); got {weight.shape}"
         )
-    _check_shares("a rule's weight", fit.shares, techniques)
-    samples = np.ones(shape) if fit.samples is None else np.asarray(fit.samples)
+    _checked_shares("a rule's weight", fit.shares, techniques, shape)
+    if fit.samples is None:
+        return
+    samples = np.asarray(fit.samples)
     if samples.shape != shape or not (np.isfinite(samples).all() and (samples > 0).all()):
         raise ValueError(
             f"a rule's samples must be positive, finite, and of shape {shape}, because every pixel needs some; got "
@@ -403,14 +344,30 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
         )
 
 
-def _check_shares(name: str, shares: Array, techniques: int) -> None:
-    """Raise a ValueError unless `shares` ``(K, ...)`` of so many `techniques` are in [0, 1] and add up to 1.
+def _whole(name: str, values: Any, shape: tuple[int, int]) -> Array | int:
+    """Return whole numbers of the image or of each pixel; raise a ValueError unless they are such."""
+    values = np.asarray(values)
+    if values.shape not in ((), shape):
+        raise ValueError(_of_shape(name, (), shape, values.shape))
+    if values.dtype.kind not in "iu":
+        whole_numbers = "Make it whole by dmis.fit.sample_numbers.whole_samples"
+        raise ValueError(f"{name} must be whole; got {values.flat[0]:g}. {whole_numbers}")
+    if values.min(initial=0) < 0:
+        raise ValueError(f"{name} must not be negative; got {values.min()}")
+    return values if values.ndim else int(values)
 
-    A NaN, such as the ratio of two variances that are 0, or other shares would not stop the render, but make the image
-    wrong.
+
+def _checked_shares(name: str, shares: Any, techniques: int, shape: tuple[int, int]) -> Array:
+    """Return `shares` ``(K, ...)`` of so many `techniques` as an array.
+
+    A ValueError unless they are in [0, 1] and add up to 1, for the image or for each pixel. A NaN, such as the ratio of
+    two variances that are 0, or other shares would not stop the render, but make the image wrong.
     """
+    shares = np.asarray(shares)
     if shares.ndim == 0 or len(shares) != techniques:
         raise ValueError(f"{name} must be ({techniques}, ...), one for each technique; got shape {shares.shape}")
+    if shares.shape[1:] not in ((), shape):
+        raise ValueError(_of_shape(name, (techniques,), (techniques, *shape), shares.shape))
     inside = (shares >= -_ROUNDING) & (shares <= 1 + _ROUNDING)
     if not inside.all():
         where = f" in {np.sum(~inside.all(axis=0)):,} of {shares[0].size:,} pixels" if shares.ndim > 1 else ""
@@ -421,6 +378,14 @@ def _check_shares(name: str, shares: Array, techniques: int) -> None:
             f"{name} must add up to 1 over the techniques, because shares divide samples; got sums from "
             f"{sums.min():g} to {sums.max():g}"
         )
+    return shares
+
+
+def _of_shape(name: str, of_image: tuple[int, ...], of_pixels: tuple[int, ...], got: tuple[int, ...]) -> str:
+    """Return the message that an array of a round has another shape."""
+    return (
+        f"{name} must be of shape {of_image} or {of_pixels}, for the image or for each pixel (height, width); got {got}"
+    )
 
 
 def check_weigh(weigh: str, combiner: str) -> None:

@@ -20,9 +20,10 @@ from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import DEFAULTS, Settings, given_values
 from dmis.estimator.technique import technique_by_name
-from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh, pilot_settings
+from dmis.fit.round import Budget, Fit, Round, check_weigh, pilot_settings
 from dmis.scene.scene import Scene
 from dmis.scene.suggestions import Suggestions
+from dmis.variance.moments import Film
 
 
 class Rule:
@@ -82,7 +83,7 @@ class Rule:
         least_spp = 0
         weigh = "samples"
 
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
         """Yield the rounds to render, one after the other, and be sent the film of each: pilot, fit, final pass.
 
         Rounds come from ``budget.pilot(...)`` and ``budget.final(...)``, or are changed copies of these
@@ -114,8 +115,8 @@ class Rule:
         """Return the name of the class with its attributes, such as ``Quieter(least=0.2)``."""
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
 
-    def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
-        """Return the weights, from the `Pilot` at each weight of `pilot`."""
+    def fit(self, pilot: Mapping[Any, Film]) -> Fit:
+        """Return the weights, from the `Film` at each weight of `pilot`."""
         raise NotImplementedError(f"class {type(self).__name__} needs a method fit(self, pilot) that returns a Fit")
 
 
@@ -139,7 +140,7 @@ class OptionRule(Rule):
         return replace(self, **{option: getattr(settings, name) for name, option in open_options.items()})
 
 
-def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None, rule: Rule | None = None) -> Round | None:
+def next_round(rounds: Generator[Round, Film, None], film: Film | None, rule: Rule | None = None) -> Round | None:
     """Send a rule the film of its last round, None before the first; return its next one, None if there is none.
 
     A ValueError if `Rule.rounds` is no generator, yields no `Round`, or raises an exception; it names an own `rule`.

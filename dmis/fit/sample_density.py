@@ -33,10 +33,10 @@ import numpy as np
 from dmis.base.patches import COLOURS, PATCH, by_colour, other_colours, patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.cost import relative_costs
-from dmis.estimator.records import PIXEL_SUMS, Record
+from dmis.estimator.records import PIXEL_SUMS, Record, Wants
 from dmis.filter import gaussian
 from dmis.fit.pooling import pool
-from dmis.fit.round import Pilot
+from dmis.variance.moments import Film
 
 EXPONENT = 1.4
 """a of low-discrepancy points; of independent ones it is 1."""
@@ -57,10 +57,10 @@ DARK = 0.1
 """e in relative errors, over the squared mean radiance of the image: near the .01 of relMSE where that mean is .3."""
 
 
-def variance_of_mean(first: Pilot) -> Array:
+def variance_of_mean(first: Film) -> Array:
     """Return the variance of the mean of each pixel's samples of the first round, ``(H, W)`` float32."""
-    n_1 = int(np.max(first.moments.n))
-    variance = np.einsum("yxc,yxc->yx", first.moments.root, first.moments.root, dtype=np.float64)
+    n_1 = int(np.max(first.n))
+    variance = np.einsum("yxc,yxc->yx", first.root, first.root, dtype=np.float64)
     variance /= 3 * n_1 * max(n_1 - 1, 1)
     return variance.astype(np.float32)
 
@@ -68,7 +68,7 @@ def variance_of_mean(first: Pilot) -> Array:
 class FirstRound:
     """Statistic of a first round: rays and squared samples of pixels, which the film gathers, and no records."""
 
-    by_colour, pixel_sums, needs_records = True, True, False
+    wants = Wants(records=False, pixel_sums=True, sums="colours")
 
     def __init__(self, pixels: int, shading_samples: int) -> None:
         pass
@@ -81,12 +81,12 @@ class FirstRound:
         return {}
 
 
-def sample_costs(first: Pilot, shading_samples: Array | int, lights: int, colour: int) -> Array:
+def sample_costs(first: Film, shading_samples: Array | int, lights: int, colour: int) -> Array:
     """Return the cost of a camera sample of each pixel over the mean, ``(H, W)``, from the rays of other colours.
 
     `shading_samples` are those of each camera sample, one number or ``(rows, columns)`` of patches.
     """
-    shape = first.moments.mean.shape[:2]
+    shape = first.mean.shape[:2]
     closest, occlusion = (first.sums[name][other_colours(colour)].sum(axis=0) for name in PIXEL_SUMS[:2])
     others = np.ones(shape)
     others[COLOURS[colour]] = 0
@@ -96,7 +96,7 @@ def sample_costs(first: Pilot, shading_samples: Array | int, lights: int, colour
 
 
 def density_of_colour(
-    first: Pilot,
+    first: Film,
     variance: Array,
     independent: Array,
     cost: Array,
@@ -113,7 +113,7 @@ def density_of_colour(
     pixel, ``(H, W)``; for `error` and `exponent`, a, see `dmis.fit.auto.Auto`. On a `path` spikes do not judge: with
     them a gain is predicted on killeroo-gold that renders with other seeds do not have.
     """
-    n_1 = int(np.max(first.moments.n))
+    n_1 = int(np.max(first.n))
     weight = error_weight(first, colour, error)
     weighted = variance * weight
     # the opposite colour in 2x2 neighbours judges: the other two colours predict V of its pixels
@@ -134,15 +134,15 @@ def density_of_colour(
     return np.asarray((v**t / cost[COLOURS[colour]]) ** (1 / (1 + exponent))), t, gain
 
 
-def error_weight(first: Pilot, colour: int, error: str) -> Array:
+def error_weight(first: Film, colour: int, error: str) -> Array:
     """Return the weight q of each pixel, ``(H, W)``.
 
     I is the mean of the channels, and e is `DARK` times the square of its mean over the pixels of other colours, so
     that an image that is ten times brighter has the same numbers of samples.
     """
     if error == "absolute":
-        return np.broadcast_to(np.float32(1), first.moments.mean.shape[:2])
-    radiance = first.moments.mean.mean(axis=2)
+        return np.broadcast_to(np.float32(1), first.mean.shape[:2])
+    radiance = first.mean.mean(axis=2)
     others = np.ones(radiance.shape, np.float32)
     others[COLOURS[colour]] = 0
     count = max(float(others.sum()), 1.0)
@@ -151,15 +151,15 @@ def error_weight(first: Pilot, colour: int, error: str) -> Array:
     return np.asarray(1 / (radiance**2 + np.float32(max(e, float(TINY)))))
 
 
-def sample_variance(first: Pilot) -> Array:
+def sample_variance(first: Film) -> Array:
     """Return V of a pixel's mean if its samples were independent, and the pixels in it, ``(2, 4, rows, columns)``.
 
     Sums over the pixels of each colour in patches, filtered: a neighbouring patch may have found the spikes that this
     one has not met yet.
     """
-    n_1 = int(np.max(first.moments.n))
-    shape = first.moments.mean.shape[:2]
-    squared_means = patch_sum(by_colour(np.square(first.moments.mean).mean(axis=2)), PATCH)
+    n_1 = int(np.max(first.n))
+    shape = first.mean.shape[:2]
+    squared_means = patch_sum(by_colour(np.square(first.mean).mean(axis=2)), PATCH)
     variance = np.maximum(first.sums["squares"] / n_1 - squared_means, 0) / max(n_1 - 1, 1)
     count = patch_sum(by_colour(np.ones(shape)), PATCH)
     means, _ = pool({"variance": variance, "count": count}, shape, PATCH, 1.0, 2, first.features or None)

@@ -14,8 +14,9 @@ from dmis.estimator.records import Statistic
 from dmis.estimator.settings import DEFAULTS
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.pooling import PooledRule
-from dmis.fit.round import Fit, Pilot
+from dmis.fit.round import Fit
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
+from dmis.variance.moments import Film
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,10 @@ class SecondMoment(PooledRule):
         """Makes the statistic that the pilot gathers."""
         return partial(Curves, combiner=self.combiner or DEFAULTS["combiner"])
 
-    def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
+    def fit(self, pilot: Mapping[Any, Film]) -> Fit:
         """Return the shares from the pilot at w = 1/2."""
         samples = pilot[0.5]
-        shape = samples.moments.mean.shape[:2]
+        shape = samples.mean.shape[:2]
         # V(w) of patches
         means, pixels = self.pooled(samples)
         curves = PatchCurves(**means, pixels=pixels, baseline=HALF)

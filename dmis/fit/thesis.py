@@ -24,8 +24,9 @@ from dmis.base.color import LUMINANCE
 from dmis.base.patches import patch_spread, patch_sum
 from dmis.base.vectors import Array
 from dmis.filter import gaussian
-from dmis.fit.round import Fit, Pilot
+from dmis.fit.round import Fit
 from dmis.fit.rule import OptionRule
+from dmis.variance.moments import Film
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
 """Case of a patch: the parabola's minimum was used; it lay outside [0, 1], and the nearer end was used; the parabola
@@ -49,9 +50,9 @@ class ThesisRule(OptionRule):
         """Camera samples per pixel at w = 0, 1/2, 1 (Sec. 3.1)."""
         return dict.fromkeys((0.0, 0.5, 1.0), self.spp)
 
-    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+    def fit(self, pilot: Mapping[float, Film]) -> Fit:
         """Return the weight of each pixel, from the pilot at each weight w_i."""
-        s2 = np.stack([self.grey(p.moments.variance()) for p in pilot.values()])
+        s2 = np.stack([self.grey(p.variance()) for p in pilot.values()])
         return self.fit_variances(np.array(list(pilot)), s2, self.patch)
 
     def grey(self, variance: Array) -> Array:

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from dmis.base.atomic_files import check_writable, naming, partial_path, replacing
-from dmis.pipeline.film import FilmTile
+from dmis.pipeline.tile import Tile
+from dmis.variance.moments import Film
 
 KEY = "dmis-checkpoint-5.json"
 """File of a checkpoint that says which image its tiles belong to; 5 is the version of the files."""
@@ -61,18 +62,17 @@ class Store:
                 + "; ".join(differences)
             )
 
-    def finished_tiles(self, pass_: int) -> Iterator[FilmTile]:
-        """Yield the tiles of a pass that are in the folder, but for damaged ones."""
+    def finished_tiles(self, pass_: int) -> Iterator[tuple[int, Film]]:
+        """Yield the numbers and films of the tiles of a pass that are in the folder, but for damaged ones."""
         for path in sorted(self._folder.glob(f"{pass_}-*.npz")):
             with suppress(Exception):  # of zipfile, zlib, json or NumPy, as the damage has it
-                yield _read_tile(path)
+                yield int(path.stem.partition("-")[2]), _read_film(path)
 
-    def append(self, tile: FilmTile) -> None:
-        """Write a tile into the folder; nothing if another process has finished the image and removed it."""
-        about = {name: getattr(tile, name) for name in ("pass_", "number", "rows", "columns", "rays")}
-        about_text = np.array(json.dumps({**about, "sums": list(tile.sums)}))
+    def append(self, tile: Tile, film: Film) -> None:
+        """Write the film of a tile into the folder, unless another process has finished the image and removed it."""
+        about_text = np.array(json.dumps({"rays": film.rays, "sums": list(film.sums)}))
         archive = io.BytesIO()
-        np.savez(archive, about=about_text, mean=tile.mean, root=tile.root, **tile.sums)  # type: ignore[arg-type]
+        np.savez(archive, about=about_text, n=film.n, mean=film.mean, root=film.root, **film.sums)  # type: ignore[arg-type]
         path = self._folder / f"{tile.pass_}-{tile.number}.npz"
         with suppress(FileNotFoundError), replacing(path, f"checkpoint {self._folder}") as partial:
             partial.write_bytes(archive.getbuffer())
@@ -119,16 +119,16 @@ def remove_checkpoint(path: str | os.PathLike[str]) -> None:
         shutil.rmtree(removed, ignore_errors=True)
 
 
-def _read_tile(path: Path) -> FilmTile:
-    """Return the tile of a file; raise an exception if it is damaged."""
+def _read_film(path: Path) -> Film:
+    """Return the film of a file; raise an exception if it is damaged."""
     with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
         if damaged := archive.zip.testzip():
             raise ValueError(f"the checksum of {damaged} is wrong")
         arrays = dict(archive)
     about = json.loads(str(arrays["about"]))
-    sums = {name: arrays[name] for name in about.pop("sums")}
-    about |= {name: tuple(about[name]) for name in ("rows", "columns")}
-    return FilmTile(**about, mean=arrays["mean"], root=arrays["root"], sums=sums)
+    sums = {name: arrays[name] for name in about["sums"]}
+    n = arrays["n"] if arrays["n"].ndim else int(arrays["n"])
+    return Film(n, arrays["mean"], arrays["root"], about["rays"], sums)
 
 
 def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -30,9 +30,9 @@ from typing import Any
 from dmis import __version__
 from dmis.base.plugins import load_plugin, loaded_plugins
 from dmis.base.validate import whole
-from dmis.pipeline.film import FilmTile
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
+from dmis.variance.moments import Film
 
 MAX_WORKERS = 1024
 """Largest number of threads or processes."""
@@ -105,8 +105,8 @@ class Workers:
         sent = scene if isinstance(parallel, ThreadPoolExecutor) else _send(parallel, scene)
         self._submit = lambda function, item: parallel.submit(_call, sent, __version__, function, item)
 
-    def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, FilmTile], None, None]:
-        """Yield rendered tiles, see `calls`."""
+    def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, Film], None, None]:
+        """Yield tiles and their films, see `calls`."""
         return self.calls(partial(_render, _this_process(), self._stop), tiles)
 
     def calls(self, function: Callable[..., Any], items: Iterable[Any]) -> Generator[tuple[Any, Any], None, None]:
@@ -254,11 +254,11 @@ def _call(scene: Scene | bytes, version: str, function: Callable[..., Any], item
     return function(_load(scene) if isinstance(scene, bytes) else scene, item)
 
 
-def _render(asking: tuple[str, int], stop: threading.Event | None, scene: Scene, tile: Tile) -> FilmTile:
-    """Return a rendered tile, with its CPU seconds if another process is `asking`; `stop` ends it in a thread."""
+def _render(asking: tuple[str, int], stop: threading.Event | None, scene: Scene, tile: Tile) -> Film:
+    """Return the film of a tile, with its CPU seconds if another process is `asking`; `stop` ends it in a thread."""
     began = time.thread_time()
-    film_tile = render_tile(scene, tile, None, stop)
-    return film_tile if asking == _this_process() else replace(film_tile, worker_seconds=time.thread_time() - began)
+    film = render_tile(scene, tile, None, stop)
+    return film if asking == _this_process() else replace(film, worker_seconds=time.thread_time() - began)
 
 
 def _this_process() -> tuple[str, int]:

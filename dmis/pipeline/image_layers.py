@@ -27,11 +27,12 @@ from dmis.base.patches import pixels_together
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.records import Record
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.estimator.records import Record, Wants
+from dmis.fit.round import Budget, Round
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.job import Job
 from dmis.scene.feature_buffers import SURFACE_LAYERS, render_surface_layers
+from dmis.variance.moments import Film
 
 OF_LIGHT = ("direct", "indirect", "emission", "light", "technique", "unweighted")
 """Layers of light, beside ``light:NUMBER``."""
@@ -98,7 +99,7 @@ class _Gathering(Rule):
     def weigh(self) -> str:
         return self.rule.weigh
 
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
         """See `Rule.rounds`."""
         rounds, film = self.rule.rounds(budget), None
         while (requested := next_round(rounds, film)) is not None:
@@ -115,7 +116,7 @@ class _Gathering(Rule):
         """
         combiner, names = combiner_by_name(round_.settings.combiner), tuple(t.name for t in round_.mixture)
         uneven = round_.patterns is not None or np.ndim(round_.spp) > 0
-        learned = round_.shares.ndim > 1 or round_.tilt is not None
+        learned = np.ndim(round_.shares) > 1 or round_.tilt is not None
         violated = {
             "light need a rule that takes the same number of samples in all pixels, such as balance or thesis": uneven,
             "light need rounds without a statistic (reuse_pilot=False)": round_.statistic is not None,
@@ -128,14 +129,14 @@ class _Gathering(Rule):
         for need, wrong in violated.items():
             if wrong:
                 raise ValueError(f"layers of {need}; got {got}")
-        gather = partial(_LayerSums, rule=self, shares=round_.shares, combiner=combiner.name)
+        gather = partial(_LayerSums, rule=self, shares=np.asarray(round_.shares), combiner=combiner.name)
         return replace(round_, statistic=gather)
 
 
 class _LayerSums:
     """Statistic of the layers of light, for each pixel: sums over its camera samples, ``(3, P)``."""
 
-    by_pixel = True
+    wants = Wants(sums="pixels")
 
     def __init__(self, pixels: int, shading_samples: int, rule: _Gathering, shares: Array, combiner: str) -> None:
         self._pixels, self._s = pixels, shading_samples

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -22,9 +23,10 @@ from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget
 from dmis.fit.rule import Rule, check_settings, merge_settings, rule_text
 from dmis.fit.sample_numbers import LEVELS
+from dmis.image import MAX_PIXELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
-from dmis.pipeline.window import window_of
+from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene, SceneWarning
 
 DEFAULT_SPP = 128
@@ -33,6 +35,10 @@ MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
 FIRST_SPP = 32
 """Camera samples per pixel of a rule's own rounds where the last one is doubled, see `dmis.pipeline.stopping`."""
+OF_WHOLE = "the same pixels as in the whole image"
+"""Value of ``window`` in the provenance of a window whose pixels have the bits of the whole image."""
+OWN_IMAGE = "an image of its own to this rule; fixed shares, as of balance, give the pixels of the whole image"
+"""Value of ``window`` in the provenance of another window."""
 NOTHING_TO_MIX = "no light has two techniques: no pilot, equal shares"
 """Value of ``nothing_to_mix`` in the provenance of a render for which this is so."""
 
@@ -59,7 +65,8 @@ class Job:
     notes
         Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``); a window's place.
     window
-        The part of the image of `scene` that is rendered, see `dmis.pipeline.window`; None: all of it.
+        The part of the image of `scene` that is rendered, by all tiles that it touches, because random numbers of a
+        tile, such as those of Russian roulette, go to its samples in turn; None: all of it.
     layers
         Makes layers, when the image is rendered, see `dmis.pipeline.image_layers`.
     """
@@ -164,11 +171,23 @@ def resolve(
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
     job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, sources, notes)
-    if scene.camera.frame is None:
-        return job
-    window, place = window_of(scene.camera, used)
-    shown = float32_scene if window is None else float32_scene.uncropped
-    return replace(job, scene=shown, window=window, notes={**notes, **place})
+    return job if scene.camera.frame is None else _of_window(job, scene.camera)
+
+
+def _of_window(job: Job, camera: Camera) -> Job:
+    """Return the job of a camera that shows a window: with the bits of the whole image, unless the rule learns.
+
+    A rule that learns has no films of the rest of the image; and the whole may be larger than an image may be. Then the
+    window is an image of its own. Notes are ``window``, `OF_WHOLE` or `OWN_IMAGE`; ``crop``, the window
+    (x0, y0, x1, y1); and ``frame``, width and height of the whole.
+    """
+    frame = camera.frame or camera.resolution
+    (x0, y0), (width, height) = camera.corner, camera.resolution
+    window = (x0, y0, x0 + width, y0 + height)
+    notes = {**job.notes, "window": OF_WHOLE, "crop": list(window), "frame": list(frame)}
+    if not isinstance(job.rule, Fixed) or math.prod(frame) > MAX_PIXELS:
+        return replace(job, notes={**notes, "window": OWN_IMAGE})
+    return replace(job, scene=job.scene.uncropped, window=window, notes=notes)
 
 
 def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:

@@ -8,19 +8,20 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from dataclasses import replace
 from types import TracebackType
 
+import numpy as np
+
 from dmis.base.malloc import LARGE_IMAGE, release
-from dmis.base.plugins import locked
 from dmis.base.vectors import Array
-from dmis.fit.round import Pilot, Round
+from dmis.base.window import Window, overlap
+from dmis.fit.round import Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
-from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles, render_tile
-from dmis.pipeline.window import WindowFilm
 from dmis.scene.feature_buffers import render_feature_buffers, render_pixel_features
 from dmis.variance.moments import Film
 
@@ -90,55 +91,62 @@ class Passes:
         if self._workers is not None:
             self._workers.close()
 
-    def render(self, round_: Round) -> Pilot:
+    def render(self, round_: Round) -> Film:
         """Render a round over the image and return its film; one that goes on joins the samples before it.
 
-        A ValueError if the round is not one of this image, see `dmis.fit.round.Round.check`.
+        A ValueError if the round is not one of this image, see `dmis.fit.round.Round.checked`.
         """
-        began, resolution = time.perf_counter(), self._job.given_scene.camera.resolution
-        round_.check(resolution[::-1])
+        began, job = time.perf_counter(), self._job
+        width, height = job.given_scene.camera.resolution
+        round_ = round_.checked((height, width))
         self._release()
-        tiles = make_tiles(self._job.scene.camera.resolution, self._job.seed, self._rounds, round_)
-        film = PassFilm(resolution, len(tiles), round_)
-        if self._job.window is not None:
-            film = WindowFilm(self._job.window, len(tiles), round_)
-            tiles = film.touched(tiles)
-        for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
-            film.merge_tile(film_tile)
-        self._rounds += 1
-        self._render_missing(film, tiles, round_.stage)
-        self._release()
-        rays = film.rays
-        self.rays.update(rays)
-        self.pilot_rays.update(rays if round_.stage == "pilot" else {})
-        n = round_.spp + (0 if round_.before is None else round_.begin)
-        pilot = Pilot(
-            moments=Film(n if isinstance(n, int) else n[..., None], locked(film.mean), locked(film.root)),
-            rays=dict(film.rays),
-            sums={name: locked(values) for name, values in film.sums.items()},
+        n, before = round_.spp, round_.before
+        n = n if isinstance(n, int) else n[..., None]
+        mean, root = before.unlocked() if before else np.zeros((2, height, width, 3), np.float32)
+        film = Film(
+            n if before is None else n + before.n,
+            mean,
+            root,
             shading_samples=round_.settings.shading_samples,
-            features=self._features(round_),
             techniques=round_.mixture,
-            budget=self._job.spp,
+            budget=job.spp,
         )
+        window = job.window or (0, 0, width, height)
+        tiles = make_tiles(job.scene.camera.resolution, job.seed, self._rounds, round_)
+        tiles = [tile for tile in tiles if overlap(tile.area, window)]
+        self._render_tiles(tiles, round_, film, window)
+        self._rounds += 1
+        self._release()
+        self.rays.update(film.rays)
+        self.pilot_rays.update(film.rays if round_.stage == "pilot" else {})
+        film = replace(film, features=self._features(round_))
+        film.lock()
         self.seconds[round_.stage] += time.perf_counter() - began
-        return pilot
+        return film
 
-    def _render_missing(self, film: PassFilm, tiles: list[Tile], stage: str) -> None:
-        """Render the tiles that are not in the film yet, the largest first, so that none is waited for at the end."""
+    def _render_tiles(self, tiles: list[Tile], round_: Round, film: Film, window: Window) -> None:
+        """Merge all tiles into the film of a window: those of a checkpoint, then the others, the largest first.
+
+        So none is waited for at the end.
+        """
         tiles.sort(key=lambda tile: tile.camera_samples, reverse=True)
-        missing = [tile for tile in tiles if not film.done[tile.number]]
-        finished = self._samples + sum(tile.camera_samples for tile in tiles if film.done[tile.number])
+        by_number = {tile.number: tile for tile in tiles}
+        stage, finished = round_.stage, self._samples
+        for number, part in self._store.finished_tiles(self._rounds) if self._store else ():
+            if tile := by_number.pop(number, None):
+                _merge(film, part, tile, window, round_.before)
+                finished += tile.camera_samples
+        missing = list(by_number.values())
         self._samples += sum(tile.camera_samples for tile in tiles)
         total = self._samples if stage == "final" else max(self._samples, self._pixels * self._job.spp)  # to come
         here = ((tile, render_tile(self._job.scene, tile)) for tile in missing)
         with closing(here if self._workers is None else self._workers.render(missing)) as results:
-            for tile, film_tile in results:
-                self.embree_seconds += film_tile.embree_seconds
-                self.worker_seconds += film_tile.worker_seconds
+            for tile, part in results:
+                self.embree_seconds += part.embree_seconds
+                self.worker_seconds += part.worker_seconds
                 if self._store:
-                    self._store.append(film_tile)
-                film.merge_tile(film_tile)
+                    self._store.append(tile, part)
+                _merge(film, part, tile, window, round_.before)
                 finished += tile.camera_samples
                 if self._progress:
                     self._progress(stage, finished, total)
@@ -151,4 +159,12 @@ class Passes:
         features, rays = render(self._job.given_scene)
         self.rays["guide"] += rays
         self._release()
-        return {name: locked(values) for name, values in features.items()}
+        return features
+
+
+def _merge(film: Film, part: Film, tile: Tile, window: Window, before: Film | None) -> None:
+    """Merge the film of a tile into that of a window of the image, as far as it is in it."""
+    common = overlap(tile.area, window)
+    assert common is not None
+    inside, place = common
+    film.merge(part.of_area(inside), place, before)

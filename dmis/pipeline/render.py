@@ -15,7 +15,6 @@ from typing import Any
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
-from dmis.pipeline.film import average_films, pilot_shares
 from dmis.pipeline.image_layers import with_layers
 from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.passes import Passes
@@ -23,6 +22,7 @@ from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.result import Result, make_result
 from dmis.pipeline.stopping import Stop
 from dmis.scene.scene import Scene
+from dmis.variance.moments import Film, average_films, pilot_shares
 
 
 def render(
@@ -88,15 +88,17 @@ def render_job(
 
     Parameters and errors are those of `render`.
     """
-    image, bar, began = [], reporting(progress) if progress else nullcontext(), time.perf_counter()
+    image: list[tuple[Film, int]] = []
+    bar, began = reporting(progress) if progress else nullcontext(), time.perf_counter()
     with bar as report, Passes(job, parallel, report, checkpoint) as passes:
         rounds, film = stop.rounds(job) if stop else job.rule.rounds(job.budget), None
         while (requested := next_round(rounds, film, job.rule)) is not None:  # variance, fit, filter
             final, film = requested, None  # its statistics are large
             film = passes.render(final)  # samples
             if final.image_weight:
+                if final.before is not None:  # its samples are in the film, too
+                    image = [part for part in image if part[0].mean is not final.before.mean]
                 image.append((film.moments, final.image_weight))
-                image = [part for part in image if part[0] is not final.before]  # which is in the film, too
     if not image:
         raise ValueError(f"rule {job.rule_text} must yield a Round with an image_weight; got none")
     image.reverse()  # the final film first, whose arrays the average overwrites

@@ -177,7 +177,7 @@ def make_result(
     image
         The image and its deviation.
     pilot_shares
-        Shares of the image that a pilot has, for the provenance, see `dmis.pipeline.film.pilot_shares`.
+        Shares of the image that a pilot has, for the provenance, see `dmis.variance.moments.pilot_shares`.
     passes
         The passes that rendered the rounds.
     total

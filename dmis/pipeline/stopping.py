@@ -30,11 +30,12 @@ import numpy as np
 
 from dmis.base.validate import number
 from dmis.base.vectors import Array
-from dmis.fit.round import Pilot, Round
+from dmis.fit.round import Round
 from dmis.fit.rule import next_round
 from dmis.pipeline.job import Job
 from dmis.samplers.streams import is_sequence
 from dmis.scene.scene import SceneWarning
+from dmis.variance.moments import Film
 
 EXPONENT = 1.3
 """a of low-discrepancy points, for the relative error of whole images: 1.2 to 1.6 on five scenes."""
@@ -60,7 +61,7 @@ class Stop:
         self._noise = -inf if noise is None else number("noise", noise, 0)
         self._limit = inf if seconds is None else number("seconds", seconds, 0)
 
-    def rounds(self, job: Job) -> Generator[Round, Pilot, None]:
+    def rounds(self, job: Job) -> Generator[Round, Film, None]:
         """Yield the rounds of a job, and be sent the film of each: those of its rule, then the last one, doubled."""
         began, own, count, film = time.perf_counter(), job.rule.rounds(job.budget), 0, None
         self.job = job
@@ -73,19 +74,19 @@ class Stop:
             warnings.warn(SceneWarning(f"{text}; write a smaller spp or resolution"), stacklevel=5)
         if film is None:
             return
-        final, n = self.final, film.moments.n
+        final, n = self.final, film.n
         a = EXPONENT if is_sequence(final.settings.sampler) else 1.0
-        variance = film.moments.variance() / n if np.min(n) > 1 else np.array(nan)  # one sample has none
+        variance = film.variance() / n if np.min(n) > 1 else np.array(nan)  # one sample has none
         of_earlier = np.asarray(final.begin)[..., None] / n
         variance = variance / (of_earlier ** (2 - a) + (1 - of_earlier) ** (2 - a))
-        noise = sqrt(self._relative(variance, film.moments.mean) * 3 / (4**a - 1))
+        noise = sqrt(self._relative(variance, film.mean) * 3 / (4**a - 1))
         while self._goes_on(noise):
-            before, n = film.moments.mean.copy(), film.moments.n
+            before, n = film.mean.copy(), film.n
             n = n if isinstance(n, int) else n[..., 0]
             weight = 2 * self.final.image_weight
             film = yield replace(final, spp=n, begin=n, before=film.moments, image_weight=weight)
             count, self._seconds = count + 1, time.perf_counter() - began
-            noise = sqrt(self._relative(np.square(film.moments.mean - before), film.moments.mean) / (2**a - 1))
+            noise = sqrt(self._relative(np.square(film.mean - before), film.mean) / (2**a - 1))
             self.final = replace(final, spp=2 * n - final.begin, image_weight=weight)
             self.job = replace(job, spp=job.spp + weight - final.image_weight)
         notes: dict[str, Any] = {"rounds": count, "noise": None if isnan(noise) else noise}

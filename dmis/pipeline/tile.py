@@ -11,19 +11,20 @@ import numpy as np
 from dmis.base.patches import PATCH
 from dmis.base.plugins import guarded
 from dmis.base.vectors import Array, indices
-from dmis.estimator.allocation import SampleAllocation, sample_batches
+from dmis.estimator.allocation import SampleAllocation, sample_batches, values_of_blocks
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import combiner_by_name
+from dmis.estimator.records import Records
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import checked_technique
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import CountingCaster, RayCaster
-from dmis.pipeline.film import FilmTile, Observers
+from dmis.pipeline.statistic import TileStatistic
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS, Numbers, stream
+from dmis.samplers.streams import SAMPLERS, Numbers, is_sequence, stream
 from dmis.scene.scene import Scene
-from dmis.variance.moments import Moments
+from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks
 
 # CHUNK, `batch_size`, MIN_SIDE, MAX_SIDE, UNEVEN and `PATCH` decide which tiles an image is cut into, and which batches
 # a tile. A tile's number seeds its random stream (`dmis.samplers.streams.stream`), and its batches draw from that in
@@ -57,6 +58,11 @@ class Tile:
     rows: tuple[int, int]
     columns: tuple[int, int]
     round: Round
+
+    @property
+    def area(self) -> tuple[slice, slice]:
+        """`rows` and `columns` as slices."""
+        return slice(*self.rows), slice(*self.columns)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -139,8 +145,8 @@ def tile_areas(
     ]
 
 
-def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop: Event | None = None) -> FilmTile:
-    """Render one tile: camera samples in batches, the radiance of each, and what observers make of it.
+def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop: Event | None = None) -> Film:
+    """Return the film of one tile: its camera samples in batches, the radiance of each, and what these add up to.
 
     Parameters
     ----------
@@ -154,11 +160,15 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     """
     tile = replace(tile, round=tile.round.in_row_order())
     round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
-    observers = Observers(round_, tile.shape)
-    counting = CountingCaster(caster or scene.intersector, observers.pixel_sums, stop)
     techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
+    in_blocks = round_.halvings is not None or is_sequence(round_.settings.sampler)
+    moments = SubBlocks(round_.spp, tile.pixels) if in_blocks else PixelMoments(tile.pixels)
+    shading_samples = round_.settings.shading_samples
+    collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))
+    statistic = None if round_.statistic is None else TileStatistic(round_, tile.shape)
+    counting = CountingCaster(caster or scene.intersector, None if statistic is None else statistic.pixel_sums, stop)
     covered = _covered_pixels(scene, tile)
-    y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
+    y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[tile.area])
     for pixels, spp, shares, settings in tile.groups():
         numbers = tile.numbers(settings, scene.camera.resolution[0], rng)
         allocation = SampleAllocation(
@@ -176,22 +186,39 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
             samples = allocation.camera_samples(blocks)
             numbers.start(samples.pixel, samples.number)
             counting.start(samples.pixel)
-            records = observers.new_records()
+            records = None if collector is None else Records()
+            if statistic is not None and statistic.wants.records:
+                records = Records(statistic.wants.directions)
             batch = Batch(scene, counting, settings, techniques, combiner, samples, numbers, records)
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))
             values = radiance(batch, *_camera_rays(scene, numbers, (x, y), samples.pixel), may_see)
-            observers.add(blocks, samples, values, records)
-    mean, root = _pixel_moments(observers.moments(), tile)
-    place = (tile.pass_, tile.number, tile.rows, tile.columns)
-    return FilmTile(*place, mean, root, counting.rays, observers.sums(), counting.seconds)
+            if collector is not None:
+                first = np.broadcast_to(samples.counts.first, len(samples.pixel))
+                collector.add(records or [], samples.pixel, first, shading_samples)
+            values, ordered = samples.restore_order(values, records)
+            if statistic is not None:
+                statistic.add(blocks, values, ordered)
+            # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2
+            for block, of_block in values_of_blocks(blocks, values):
+                moments.add(of_block.swapaxes(0, 1), block.pixels, block.first)
+            if samples.subsets is not None and isinstance(moments, SubBlocks):
+                for block, of_block in values_of_blocks(blocks, samples.subsets.radiance):
+                    moments.add_sums(of_block.sum(axis=2, dtype=np.float64), block.pixels)
+    total = moments.total()
+    if collector is not None:
+        total = replace(total, mean=total.mean + collector.correction())
+    film = _film_of(total, tile)
+    return replace(
+        film, rays=counting.rays, sums=statistic.sums() if statistic else {}, embree_seconds=counting.seconds
+    )
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
     """Return whether each pixel of the tile may see something, ``(P,)`` bool; None if all of them may."""
     if scene.covered_pixels is None:
         return None
-    covered: np.ndarray = scene.covered_pixels[slice(*tile.rows), slice(*tile.columns)].reshape(-1)
+    covered: np.ndarray = scene.covered_pixels[tile.area].reshape(-1)
     return None if covered.all() else covered
 
 
@@ -213,8 +240,8 @@ def _camera_rays(
     return np.repeat(scene.camera.origin, direction.shape[1], axis=1), direction
 
 
-def _pixel_moments(total: Moments, tile: Tile) -> tuple[Array, Array]:
-    """Return mean and root of m2 of the pixels of a tile as images, ``(rows, columns, 3)`` float32, from ``(3, P)``.
+def _film_of(total: Moments, tile: Tile) -> Film:
+    """Return the film of a tile, in float32, from the moments of its pixels ``(3, P)``.
 
     A ValueError if a pixel is not finite; the message names the first one.
     """
@@ -229,4 +256,6 @@ def _pixel_moments(total: Moments, tile: Tile) -> tuple[Array, Array]:
         )
     with np.errstate(over="ignore"):  # infinite pixels are refused once the image is complete
         mean, root = (a.astype(np.float32).reshape(3, *tile.shape) for a in (total.mean, np.sqrt(total.m2)))
-    return np.moveaxis(mean, 0, -1), np.moveaxis(root, 0, -1)
+    n = tile.round.spp
+    number = n if isinstance(n, int) else n.reshape(*tile.shape, 1)
+    return Film(number, np.moveaxis(mean, 0, -1), np.moveaxis(root, 0, -1))

@@ -13,7 +13,7 @@ from dmis.base.plugins import raised
 from dmis.brdf.materials import matte, plastic
 from dmis.estimator.settings import Settings
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.round import Budget, Round
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.job import resolve
 from dmis.pipeline.render import render_job
@@ -22,6 +22,7 @@ from dmis.scene.scene import Scene
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import box_scene, compare_means
 from dmis.testing.statistics import level
+from dmis.variance.moments import Film
 
 SPP = 32
 """Least camera samples per pixel of each render, the pilot included."""
@@ -63,7 +64,7 @@ def _render(rule: Rule | str, scene: Scene, seed: int = 0) -> tuple[Result, list
     class Recorded(Rule):
         """The rule of the job; its budget depends on that rule, too."""
 
-        def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
             generator, film = job.rule.rounds(job.budget), None
             while (round_ := next_round(generator, film)) is not None:
                 rounds.append(round_)

@@ -1,4 +1,4 @@
-"""Means and variances of samples per pixel, which merge in any order and grouping.
+"""Means and variances of samples per pixel, which merge in any order and grouping; the film of an image.
 
 Means and sums of squared deviations are float64 from the first addition on (squares of float32 numbers overflow and
 underflow where the numbers do not, and one pixel may have 65536 samples in a block), and merge by Chan, Golub and
@@ -16,12 +16,16 @@ factor of 2 where a = 1.4. It costs nothing, and is never too small on average.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
+from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import BLOCKS
+from dmis.estimator.technique import BRDF, LIGHT, Technique
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +94,15 @@ class PixelMoments:
 
         Their numbers, from `first` on, do not matter here.
         """
-        total = self._total
         block = Moments.of(samples)
         if len(pixels) == self._pixels:
-            self._total = total.merge(block)
-            return
+            self._total = self._total.merge(block)
+        else:
+            self._merge_some(block, pixels)
+
+    def _merge_some(self, block: Moments, pixels: np.ndarray) -> None:
+        """Merge the moments of some `pixels`."""
+        total = self._total
         n = np.broadcast_to(total.n, (1, self._pixels)).astype(float)
         merged = Moments(n[:, pixels], total.mean[:, pixels], total.m2[:, pixels]).merge(block)
         n[:, pixels] = merged.n
@@ -158,7 +166,9 @@ class SubBlocks:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Moments of the pixels of an image, in half the memory of `Moments`.
+    """What the samples of a round add up to: moments of pixels, rays, and sums of a statistic.
+
+    A tile makes a film of its pixels, which is merged into that of the image. A rule is sent the film of each round.
 
     Float32 has the seven digits of a mean of float32 samples, which is more than an estimate of a variance needs.
     Squares may be beyond its range, so the root of m2 is stored, which is of the size of the samples.
@@ -166,27 +176,145 @@ class Film:
     Attributes
     ----------
     n
-        Number of samples, as in `Moments`.
+        Number of samples, the same for all pixels or ``(H, W, 1)``.
     mean, root
-        Mean, and root of m2, ``(H, W, 3)`` float32.
+        Mean, and root of m2, the sum of squared deviations from it, ``(H, W, 3)`` float32.
+    rays
+        Rays traced, by kind.
+    sums
+        Sums of the round's statistic over patches of `dmis.base.patches.PATCH` pixels, ``(..., rows, columns)``.
+    shading_samples
+        Shading samples of each camera sample.
+    features
+        Feature buffers of these patches ``(C, rows, columns)``, or of pixels ``(C, H, W)``, as the round asked.
+    techniques
+        The techniques that took the samples.
+    budget
+        Camera samples per pixel of the whole render, the pilot's included.
+    embree_seconds, worker_seconds
+        Of a tile: CPU seconds of its ray queries, and of all of it if another process has rendered it; else 0.
     """
 
     n: int | Array
     mean: Array
     root: Array
+    rays: Mapping[str, int] = field(default_factory=dict)
+    sums: Mapping[str, Array] = field(default_factory=dict)
+    shading_samples: int = 4
+    features: Mapping[str, Array] = field(default_factory=dict)
+    techniques: tuple[Technique, ...] = (LIGHT, BRDF)
+    budget: int = 128
+    embree_seconds: float = 0.0
+    worker_seconds: float = 0.0
+
+    @classmethod
+    def of(cls, moments: Moments, **others: Any) -> Film:
+        """Return the film of moments ``(H, W, 3)`` and `others` of its attributes."""
+        return cls(moments.n, moments.mean, np.sqrt(moments.m2), **others)
+
+    def __repr__(self) -> str:
+        height, width = self.mean.shape[:2]
+        techniques = " + ".join(technique.name for technique in self.techniques)
+        sums = ", ".join(self.sums) or "none"
+        return f"Film({width}x{height}, {np.mean(self.n):.3g} spp, {techniques}, sums: {sums})"
+
+    @property
+    def moments(self) -> Film:
+        """The film without sums and features, which are large: what a later round is joined to."""
+        return replace(self, sums={}, features={})
 
     def variance(self) -> Array:
         """Return the unbiased variance of one sample, see `Moments.variance`."""
         return Moments(self.n, self.mean, np.square(self.root, dtype=np.float64)).variance()
 
+    def of_area(self, area: tuple[slice, slice]) -> Film:
+        """Return the film with the moments of an area alone, as views; its rays and sums stay."""
+        n = self.n if isinstance(self.n, int) else self.n[area]
+        return replace(self, n=n, mean=self.mean[area], root=self.root[area])
+
+    def merge(self, part: Film, area: tuple[slice, slice], before: Film | None = None) -> None:
+        """Write the pixels and sums of a part of the image to their places in the arrays, and count its rays.
+
+        The pixels are joined to those of the film `before`, which may have the same arrays.
+        """
+        pixels = part
+        if before is not None:
+            earlier = before.of_area(area)
+            pixels = join(earlier, replace(part, n=self.of_area(area).n - earlier.n))
+        assert isinstance(self.rays, dict) and isinstance(self.sums, dict)
+        self.mean[area], self.root[area] = pixels.mean, pixels.root
+        for kind, number in part.rays.items():
+            self.rays[kind] = self.rays.get(kind, 0) + number
+        for name, values in part.sums.items():
+            if name not in self.sums:
+                shape = (-(-n // PATCH) for n in self.mean.shape[:2])
+                self.sums[name] = np.zeros((*values.shape[:-2], *shape))
+            row, column = (side.start // PATCH for side in area)
+            height, width = values.shape[-2:]
+            self.sums[name][..., row : row + height, column : column + width] = values
+
+    def lock(self) -> None:
+        """Make all arrays read-only: the film is sent to a rule."""
+        for array in (self.mean, self.root, *self.sums.values(), *self.features.values()):
+            array.flags.writeable = False
+
+    def unlocked(self) -> tuple[Array, Array]:
+        """Return mean and root, to be overwritten."""
+        self.mean.flags.writeable = self.root.flags.writeable = True
+        return self.mean, self.root
+
+    def variance_of_mean(self, rows: slice) -> Array:
+        """Return the variance of the mean of the pixels of some rows, float64; NaN with one sample."""
+        n = np.broadcast_to(self.n, (*self.mean.shape[:2], 1))[rows].astype(np.float64)
+        freedom = np.where(n > 1, n - 1, np.nan)
+        return np.asarray(np.square(self.root[rows], dtype=np.float64) / (freedom * n))
+
 
 def join(first: Film, more: Film) -> Film:
-    """Return the moments of both; a pixel may have no samples in one of them.
+    """Return the moments of both, float64; a pixel may have no samples in one of them.
 
     The variance of the mean is as if the two were independent, which is too large for points that go on.
     """
     n = first.n + more.n
-    mean = (first.mean * first.n + more.mean * more.n) / n
+    mean = (first.mean.astype(float) * first.n + more.mean.astype(float) * more.n) / n
     # the variance of the mean of k samples is root^2 / (k - 1) / k
     v = sum(np.square(film.root, dtype=np.float64) * film.n / np.maximum(film.n - 1, 1) for film in (first, more))
     return Film(n, mean, np.sqrt(v / n * (n - 1)))
+
+
+def average_films(parts: Sequence[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
+    """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.
+
+    The results overwrite the arrays of the first part, row by row, because images are large. Both are in the
+    units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
+    The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
+    """
+    total = sum(n for _, n in parts)
+    image, deviation = parts[0][0].unlocked()
+    for row in range(len(image)):
+        at = slice(row, row + 1)
+        mean, variance = np.zeros((2, *image[at].shape))
+        for film, n in parts:
+            mean += film.mean[at] * (n / total)
+            variance += film.variance_of_mean(at) * (n / total) ** 2
+        mean *= gain
+        if not (np.abs(mean) <= np.finfo(np.float32).max).all():
+            most = np.abs(mean).max()
+            raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
+        with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
+            image[at], deviation[at] = mean, np.sqrt(variance) * gain
+    return image, deviation
+
+
+def pilot_shares(parts: Sequence[tuple[Film, int]]) -> dict[str, float]:
+    """Return the shares that all images but the first, those of pilots, have of the average with these weights.
+
+    ``pilot_samples`` is that of the weights, ``pilot_variance`` that of the variance, where this is known.
+    """
+    total = sum(n for _, n in parts)
+    # (n_k / n)^2 V_k, the variance of the average due to image k
+    variances = [film.variance_of_mean(slice(None)) * (n / total) ** 2 for film, n in parts]
+    known = np.isfinite(sum(variances))
+    of_parts = [float(v.sum(where=known)) for v in variances]
+    of_pilots = sum(of_parts[1:]) / max(sum(of_parts), 1e-300)
+    return {"pilot_samples": 1 - parts[0][1] / total, "pilot_variance": of_pilots}

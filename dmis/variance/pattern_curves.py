@@ -12,7 +12,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import SHARES
-from dmis.estimator.records import Record
+from dmis.estimator.records import Record, Wants
 from dmis.variance.curves import Curves, summed_variance
 
 
@@ -27,7 +27,7 @@ class PatternCurves(Curves):
         L, lights whose variances are told apart, see `dmis.estimator.patterns`; 0: none.
     """
 
-    by_colour = True
+    wants = Wants(sums="colours")
 
     def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance", lights: int = 0) -> None:
         super().__init__(pixels, shading_samples, combiner, SHARES)

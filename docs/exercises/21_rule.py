@@ -24,7 +24,7 @@ class Mine(dmis.Rule):
     def fit(self, pilot):
         """Return a `dmis.Fit` with a share of light samples for each pixel.
 
-        ``pilot[w].moments`` has ``mean`` and ``variance()``, ``(H, W, 3)``.
+        ``pilot[w]`` has ``mean`` and ``variance()``, ``(H, W, 3)``.
         """
         return dmis.Fit(0.5)
 

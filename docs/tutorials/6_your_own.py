@@ -166,7 +166,7 @@ class Quieter(dmis.Rule):
 
     def fit(self, pilot):
         """Return a share of light samples for each pixel, and a diagnostic."""
-        variances = {w: luminance(pilot[w].moments.variance()) for w in self.pilot}
+        variances = {w: luminance(pilot[w].variance()) for w in self.pilot}
         brdf, light = (patch_mean(variances[w], self.patch) + 1e-9 for w in (0.0, 1.0))
         w = np.clip(brdf / (brdf + light), 0.1, 0.9)
         return dmis.Fit(patch_spread(w, self.patch, variances[0.0].shape), {"patch": w})

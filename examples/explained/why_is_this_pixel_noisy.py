@@ -35,7 +35,7 @@ FURTHER = ("emission, delta lights further on", "", 0)
 class Samples(Curves):
     """Variance curves of one pixel, and all records of its shading samples."""
 
-    directions = True
+    wants = dmis.Wants(directions=True)
 
     def __init__(self, pixels, shading_samples):
         super().__init__(pixels, shading_samples)

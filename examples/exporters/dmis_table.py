@@ -29,7 +29,7 @@ COLUMNS = (
 class Recorder:
     """Statistic that keeps the shading samples of one tile after the other as rows of `COLUMNS`."""
 
-    directions = True
+    wants = dmis.Wants(directions=True)
 
     def __init__(self, lights: Any) -> None:
         self.rows: list[tuple[np.ndarray, ...]] = []

@@ -46,7 +46,7 @@ class Grittmann2022(dmis.Rule):
         best = (moments * cost[:, None, None]).argmin(axis=0)
         # where nothing is lit, equal shares
         share = np.where((moments > 0).any(axis=0), SHARES[best], 0.5)
-        return dmis.Fit(patch_spread(share, PATCH, film.moments.mean.shape[:2]))
+        return dmis.Fit(patch_spread(share, PATCH, film.mean.shape[:2]))
 
 
 dmis.register_rule("grittmann2022", Grittmann2022)

@@ -40,7 +40,7 @@ class _Objective(dmis.PooledRule):
         means, _ = self.pooled(film)
         brdf, light = self.sample_cost(film, np.array([[0, 1], [1, 0]])).tolist()
         weight = np.clip(self.solve(means["values"], (brdf, light)), 0, 1)
-        return dmis.Fit(patch_spread(weight, self.patch, film.moments.mean.shape[:2]), {"patch": weight})
+        return dmis.Fit(patch_spread(weight, self.patch, film.mean.shape[:2]), {"patch": weight})
 
 
 class Taylor(_Objective):

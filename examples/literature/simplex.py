@@ -351,7 +351,7 @@ class Simplex(dmis.PooledRule):
     def fit(self, pilot):
         """Return the shares of all techniques, from the pilot at equal shares."""
         (samples,) = pilot.values()
-        shape = samples.moments.mean.shape[:2]
+        shape = samples.mean.shape[:2]
         means, pixels = self.pooled(samples)
         shares, inside = grid(len(self.techniques))
         curves = dmis.PatchCurves(**means, pixels=pixels, baseline=baseline_point(self._exact))

@@ -22,9 +22,10 @@ from dmis.bench.samples import SampleTable
 from dmis.cli.commands import main
 from dmis.estimator.cost import count_camera_samples, surface_points
 from dmis.experiment.oracle import Oracle
-from dmis.fit.round import Budget, Fit, Pilot, Round
+from dmis.fit.round import Budget, Fit, Round
 from dmis.fit.second_moment import SecondMoment
 from dmis.scene.feature_buffers import render_feature_buffers
+from dmis.variance.moments import Film
 from tests.helpers import Z_LIMIT, fresh_python, shared_scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -105,11 +106,11 @@ class Tilted(dmis.Rule):
     weigh = "heuristic"
 
 
-def with_films(rule: dmis.Rule, films: list[Pilot]) -> dmis.Rule:
+def with_films(rule: dmis.Rule, films: list[Film]) -> dmis.Rule:
     """Return a rule that keeps the film of the first round of `rule`, and decides nothing."""
 
     class Keeper(type(rule)):  # type: ignore[misc]
-        def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
             films.append((yield next(super().rounds(budget))))
             yield budget.final(Fit(0.5), spent=8)
 
@@ -124,12 +125,12 @@ def test_films_are_those_of_the_pilot(rule: dmis.Rule, spp: int, shading_samples
     """From the samples of a pilot, a rule gets the film that the render of the pilot makes."""
     scene = shared_scene("veach-mis", (36, 33))
     settings = replace(SETTINGS, shading_samples=shading_samples)
-    table, films = dmis.samples(scene, spp=spp, seed=5, settings=settings), list[Pilot]()
+    table, films = dmis.samples(scene, spp=spp, seed=5, settings=settings), list[Film]()
     decide(with_films(rule, films), Pilots({0.5: table}, {}))
     dmis.render(scene, with_films(rule, films), SPP, seed=5, parallel=1, settings=SETTINGS)
     film, expected = films
-    np.testing.assert_allclose(film.moments.mean, expected.moments.mean, rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(film.moments.root, expected.moments.root, rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(film.mean, expected.mean, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(film.root, expected.root, rtol=1e-3, atol=1e-4)
     assert film.shading_samples == shading_samples and film.rays == expected.rays
     assert expected.sums.keys() - film.sums.keys() <= {"lights"}  # which needs a plan
     for name, sums in film.sums.items():
@@ -495,7 +496,7 @@ class Asking(dmis.Rule):
     def __init__(self, ask: Callable[[Budget], Round]) -> None:
         self.ask = ask
 
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
         yield self.ask(budget)
 
 

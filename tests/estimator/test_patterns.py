@@ -11,9 +11,10 @@ import dmis
 from dmis.base.vectors import Array, Selection, take
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.patterns import BLOCKS, LEAST_LOOKS, MOST_HALVINGS, LightSubsets, PatternMap, separate_lights
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.round import Budget, Round
 from dmis.fit.rule import Rule
 from dmis.testing.scenes import ABOVE, box_scene
+from dmis.variance.moments import Film
 from tests.helpers import images_z_score, shared_scene
 
 LIGHTS = 8
@@ -28,7 +29,7 @@ class Halved(Rule):
     at_random: bool = False
     begin: int = 0
 
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
         shape, pattern = (LIGHTS + 1, *budget.shape), np.zeros(budget.shape, np.uint8)
         halvings = None if self.halvings is None else np.uint8(np.zeros(shape) + np.reshape(self.halvings, (-1, 1, 1)))
         if self.at_random:

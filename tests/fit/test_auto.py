@@ -31,7 +31,7 @@ from dmis.fit.best_pattern import (
 )
 from dmis.fit.curve_minimum import PatchCurves
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.round import Budget, Round
 from dmis.fit.sample_numbers import powers_of_two
 from dmis.variance.curves import with_gain_square
 from dmis.variance.moments import Film
@@ -46,7 +46,7 @@ N = 8
 Z_LIMIT = 4.5
 
 
-def pilot(curve: Array, position: Array | float = 0.0, shape: tuple[int, int] = (16, 16)) -> Pilot:
+def pilot(curve: Array, position: Array | float = 0.0, shape: tuple[int, int] = (16, 16)) -> Film:
     """Return a pilot of pixels of radiance 1 with the curves ``(G,)`` or ``(..., G, rows, columns)``."""
     patches = tuple(-(-n // PATCH) for n in shape)
     curve = np.broadcast_to(curve[:, None, None] if curve.ndim == 1 else curve, (4, len(SHARES), *patches))
@@ -54,19 +54,19 @@ def pilot(curve: Array, position: Array | float = 0.0, shape: tuple[int, int] = 
     sums["position"] = np.broadcast_to(position, (4, *patches))
     looked_at = looks_at(shape)[..., None]
     film = Film(2 * looked_at, np.repeat(looked_at, 3, axis=2).astype(np.float32), np.zeros((*shape, 3), np.float32))
-    return Pilot(film, RAYS, sums)
+    return replace(film, rays=RAYS, sums=sums)
 
 
-def first_film(root: Array, mean: Array | float = 1.0, budget: int = 10**6) -> Pilot:
+def first_film(root: Array, mean: Array | float = 1.0, budget: int = 10**6) -> Film:
     """Return a first round of pixels with a `root` of m2 between sub-blocks, whose samples differ no more."""
     mean = np.broadcast_to(np.float32(mean), root.shape).copy()
     ones, square = np.ones(root.shape[:2]), N * np.square(mean).mean(axis=2)
     sums = zip(PIXEL_SUMS, (N * ones, N * ones, square), strict=True)
     of_patches = {name: patch_sum(by_colour(a), PATCH) for name, a in sums}
-    return Pilot(Film(N, mean, root.astype(np.float32)), RAYS, of_patches, budget=budget)
+    return Film(N, mean, root.astype(np.float32), RAYS, of_patches, budget=budget)
 
 
-def random_film(shape: tuple[int, int]) -> Pilot:
+def random_film(shape: tuple[int, int]) -> Film:
     """Return a first round with random means, variances and rays of each pixel."""
     rng = np.random.default_rng(1)
     first = first_film(rng.lognormal(0, 2, (*shape, 3)), rng.lognormal(0, 1, (*shape, 1)), budget=64)
@@ -82,16 +82,16 @@ def choice_of(shape: tuple[int, int], cost: Array | float = 1.0) -> PatternChoic
     )
 
 
-def second_round(first: Pilot, rule: Auto = PLAIN, choice: PatternChoice | None = None) -> Round:
+def second_round(first: Film, rule: Auto = PLAIN, choice: PatternChoice | None = None) -> Round:
     """Return the second round that a rule decides from the first one."""
-    shape = first.moments.mean.shape[:2]
+    shape = first.mean.shape[:2]
     budget = Budget(first.budget, shape, dmis.Settings(sampler="sobol", integrator="direct", max_depth=5), seed=3)
     return rule.second_round(Round(N, shares_of(0.5), budget.settings), first, budget, choice, {})
 
 
-def decided(first: Pilot, rule: Auto = PLAIN) -> Array:
+def decided(first: Film, rule: Auto = PLAIN) -> Array:
     """Return the density of the camera samples and the cost of one at each pixel, ``(2, H, W)``."""
-    maps = np.empty((2, *first.moments.mean.shape[:2]))
+    maps = np.empty((2, *first.mean.shape[:2]))
     colours = (at for at in COLOURS if maps[0][at].size)
 
     def keep(density: Array, cost: Array, *others: Any) -> Array:
@@ -105,7 +105,7 @@ def decided(first: Pilot, rule: Auto = PLAIN) -> Array:
     return maps
 
 
-def decided_patterns(looked: Pilot, guard: float = 0.0) -> tuple[PatternChoice | None, float]:
+def decided_patterns(looked: Film, guard: float = 0.0) -> tuple[PatternChoice | None, float]:
     """Return the patterns that a pilot decides, and their predicted error."""
     return decide_patterns(looked, "relative", guard, 1.4)
 
@@ -220,8 +220,9 @@ def test_pilots_of_paths_tell_whether_numbers_may_pay() -> None:
     assert error_of_numbers(replace(pilot(FLAT, 1.0, (64, 64)), budget=64), "relative", 1.2, 8) == pytest.approx(1)
     bright = np.where(np.kron(position[0] > 1, np.ones((PATCH, PATCH), bool)), np.sqrt(32), 1)
     film = pilot(FLAT, position, (64, 64))
-    moments = replace(film.moments, mean=film.moments.mean * bright[..., None].astype(np.float32))
-    film = replace(film, moments=moments, budget=64)  # deviations in proportion to the radiance
+    film = replace(
+        film, mean=film.mean * bright[..., None].astype(np.float32), budget=64
+    )  # deviations in proportion to the radiance
     assert error_of_numbers(film, "absolute", 1.2, 8) < 0.7 and error_of_numbers(film, "relative", 1.2, 8) > 0.9
     luck = np.random.default_rng(1).lognormal(0, 2, (2, 16, 16))[[0, 1, 1, 0]]
     assert error_of_numbers(replace(pilot(FLAT, luck, (64, 64)), budget=64), "relative", 1.2, 8) > 0.95
@@ -237,12 +238,12 @@ def test_pilots_of_some_patches_judge_alike() -> None:
     position[:, :8] = 32
     brightness = np.kron(np.repeat([1.0, 6.0], 8), np.ones(PATCH))[:, None, None].astype(np.float32)
     whole = pilot(curve, position, (64, 64))
-    whole = replace(whole, moments=replace(whole.moments, mean=whole.moments.mean * brightness), budget=64)
+    whole = replace(whole, mean=whole.mean * brightness, budget=64)
     orders = np.random.default_rng(4).random((8, 8, 4)).argsort(axis=2)  # one of 2x2 patches, in all parts alike
     seen = (orders == 0).reshape(8, 8, 2, 2).swapaxes(1, 2).reshape(16, 16)
     mask = patch_spread(seen, PATCH, (64, 64))[..., None]
-    moments = replace(whole.moments, n=whole.moments.n * mask, mean=whole.moments.mean * mask)
-    some = replace(whole, moments=moments, sums={name: a * seen for name, a in whole.sums.items()})
+    sums = {name: a * seen for name, a in whole.sums.items()}
+    some = replace(whole, n=whole.n * mask, mean=whole.mean * mask, sums=sums)
     for error in ("relative", "absolute"):
         one, other = (error_of_numbers(of, error, 1.2, 8) for of in (whole, some))
         assert other == pytest.approx(one, rel=0.02)
@@ -293,7 +294,7 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int], erro
     """Samples of one colour's pixels change: their numbers do not, those of others do."""
     first, rule = random_film(shape), replace(PLAIN, error=error)
 
-    def maps(first: Pilot) -> Array:
+    def maps(first: Film) -> Array:
         second = second_round(first, rule, choice_of(shape, 1.01))
         return np.array([*decided(first, rule), np.broadcast_to(second.spp, shape)])
 
@@ -303,10 +304,10 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int], erro
         sums = {name: a.copy() for name, a in first.sums.items()}
         for a in sums.values():
             a[colour] *= np.random.default_rng(2).lognormal(0, 2, a[colour].shape)
-        root, mean = first.moments.root.copy(), first.moments.mean.copy()
+        root, mean = first.root.copy(), first.mean.copy()
         root[at] *= 100
         mean[at] *= 10
-        changed = maps(replace(first, sums=sums, moments=replace(first.moments, mean=mean, root=root)))
+        changed = maps(replace(first, sums=sums, mean=mean, root=root))
         np.testing.assert_allclose(changed[:, *at] / np.maximum(expected[:, *at], 1e-9), 1, rtol=1e-12)
         if expected[0].size > 100:
             assert (changed != expected).any(axis=(1, 2)).all()
@@ -399,7 +400,8 @@ def test_rounds_of_a_budget(sampler: str, exponent: float) -> None:
     root = np.where(np.arange(12) < 6, 1.0, 8.0)[:, None] * np.ones((12, 12, 3))
     film = first_film(root, budget=64)
     second = generator.send(film)
-    assert (second.image_weight, second.before, second.settings, second.begin) == (64, film.moments, settings, N)
+    assert (second.image_weight, second.settings, second.begin) == (64, settings, N)
+    assert second.before is not None and second.before.mean is film.mean
     same, other = (
         replace(PLAIN, exponent=a).second_round(first, film, budget, None, {}) for a in (exponent, 2.4 - exponent)
     )

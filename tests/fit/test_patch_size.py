@@ -9,10 +9,9 @@ from helpers import Z_LIMIT, z_score
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.fit.patch_size import SIZES, choose_patch
-from dmis.fit.round import Pilot
 from dmis.fit.thesis import parabola_minimum
 from dmis.fit.thesis_options import Thesis
-from dmis.variance.moments import Moments
+from dmis.variance.moments import Film, Moments
 
 W = np.array([0.0, 0.5, 1.0])
 
@@ -52,7 +51,7 @@ def test_the_filter_is_part_of_the_choice(side: int, floor: float, smallest: boo
     sizes = []
     for seed in range(5):
         spread = np.sqrt(sampled(parabolas(checkers(side), floor), seed))[..., None].repeat(3, axis=-1)
-        pilot = {w: Pilot(Moments(2, np.ones_like(s), s * s)) for w, s in zip(W, spread, strict=True)}
+        pilot = {w: Film.of(Moments(2, np.ones_like(s), s * s)) for w, s in zip(W, spread, strict=True)}
         fit = Thesis("auto").fit(pilot)
         chosen = SIZES[int(fit.maps["sizes"][1].argmin())]
         np.testing.assert_array_equal(fit.weight, Thesis(chosen).fit(pilot).weight)

@@ -11,7 +11,6 @@ from planted import PLAIN, pilot_of_curves
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.pooling import pool
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Pilot
 from dmis.fit.second_moment import SecondMoment
 from dmis.scene.feature_buffers import FEATURE_SCALES
 from dmis.variance.curves import GRID
@@ -83,7 +82,7 @@ def test_weight_of_least_variance_and_cost_by_hand() -> None:
 def test_cheap_is_not_sure() -> None:
     """Where the pilot sees no gain in variance, a sure gain in cost changes nothing: it may have seen too little."""
     found = pilot_of_curves(np.ones((len(GRID), 1, 1)))
-    found[0.5] = Pilot(found[0.5].moments, {"camera": 100, "shadow": 100, "brdf": 0}, found[0.5].sums)
+    found[0.5] = replace(found[0.5], rays={"camera": 100, "shadow": 100, "brdf": 0})
     assert np.all(SecondMoment(guard=0.0).fit(found).weight == 0.5)
 
 

@@ -7,11 +7,10 @@ from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Pilot
 from dmis.fit.rule import Rule
 from dmis.fit.thesis import STATUS, parabola_minimum
 from dmis.fit.thesis_options import Thesis
-from dmis.variance.moments import Moments
+from dmis.variance.moments import Film, Moments
 
 PILOT = np.array([0.0, 0.5, 1.0])
 
@@ -83,10 +82,10 @@ def test_three_distinct_weights_are_needed() -> None:
 # The thesis's rule --------------------------------------------------------------------------------------------------
 
 
-def pilot(minimum: Array, n: int = 2) -> dict[float, Pilot]:
+def pilot(minimum: Array, n: int = 2) -> dict[float, Film]:
     """Moments whose variances are parabolas over w with the given minimum at each pixel, the same in each channel."""
     variances = {w: np.repeat(((w - minimum) ** 2 + 0.1)[..., None], 3, axis=2) for w in PILOT}
-    return {w: Pilot(Moments(n, np.ones_like(v), v * (n - 1))) for w, v in variances.items()}
+    return {w: Film.of(Moments(n, np.ones_like(v), v * (n - 1))) for w, v in variances.items()}
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (13, 21)])
@@ -102,7 +101,7 @@ def test_thesis_recovers_planted_weights(shape: tuple[int, int], patch: int) -> 
 
 def test_black_patches_get_one_half() -> None:
     """Where nothing was seen, w = 1/2, and no warning of a division."""
-    black = {w: Pilot(Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))) for w in PILOT}
+    black = {w: Film.of(Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))) for w in PILOT}
     for no_signal in ("half", "skip"):
         fit = Thesis(4, no_signal=no_signal).fit(black)
         np.testing.assert_array_equal(fit.weight, 0.5)
@@ -119,7 +118,7 @@ def test_channels() -> None:
     """A red patch whose minimum differs from the green one's: luminance follows green, rgb the plain mean."""
     minimum = np.array([0.2, 0.8, 0.8])  # of red, green, blue, at equal curvature
     variances = {w: np.broadcast_to((w - minimum) ** 2 + 0.1, (4, 4, 3)) for w in PILOT}
-    moments = {w: Pilot(Moments(2, np.ones((4, 4, 3)), v)) for w, v in variances.items()}
+    moments = {w: Film.of(Moments(2, np.ones((4, 4, 3)), v)) for w, v in variances.items()}
     assert Thesis(4, channels="rgb").fit(moments).maps["raw"] == pytest.approx(0.6)
     assert Thesis(4, channels="luminance").fit(moments).maps["raw"] == pytest.approx(0.8 - 0.6 * 0.212671)
 
@@ -139,7 +138,7 @@ def test_patches_without_a_signal_may_be_left_out_of_the_filter(sigma: float) ->
     states = ["minimum", "clipped", "not convex", "no signal"]
     of_columns = np.array([(0.26, 1, 1, 1), (0.11, 0.5, 2, 1), (0.46, 0.2, 1.5, 1)]).repeat(4, axis=1)
     variance = {w: np.broadcast_to(y[:, None], (16, 16, 3)) for w, y in zip(PILOT, of_columns)}
-    found = {w: Pilot(Moments(2, np.ones(v.shape), v)) for w, v in variance.items()}
+    found = {w: Film.of(Moments(2, np.ones(v.shape), v)) for w, v in variance.items()}
     raw, g = np.array([0.4, 1, 0, 0.5]), np.exp(-(np.arange(-2, 3) ** 2) / (2 * sigma**2))
     for option, count in (("half", np.ones(4)), ("skip", np.array([1, 1, 1, 0]))):
         maps = Thesis(4, sigma=sigma, no_signal=option).fit(found).maps

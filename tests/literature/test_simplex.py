@@ -16,7 +16,6 @@ from dmis.estimator.allocation import allocate
 from dmis.estimator.records import Record
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Pilot
 from dmis.testing.scenes import box_scene
 from dmis.variance.moments import Film
 
@@ -203,7 +202,7 @@ def test_techniques_are_left_out_where_that_suits_the_image(simplex: Any) -> Non
         curve[[alone, inside[alone]]] = [[[0.1, harm]], [[0.2, 1.0]]]
         sums = {"curve": curve, "gain_square": (curve - 1) ** 2, "position": np.zeros((1, 2))}
         sums = {name: a * [16, 4] for name, a in sums.items()}
-        found = Pilot(Film(2, *np.ones((2, 4, 5, 3))), {"camera": 100}, sums)
+        found = Film(2, *np.ones((2, 4, 5, 3)), {"camera": 100}, sums)
         fit = simplex.Simplex("light+brdf", filter="none", cost=False, guard=0.0).fit({0.5: found})
         np.testing.assert_allclose(fit.maps["patch"][0], [[w, 0.5]])
 

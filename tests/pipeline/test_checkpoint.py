@@ -18,8 +18,11 @@ import pytest
 from helpers import shared_scene
 
 import dmis
+from dmis.estimator.allocation import shares_of
+from dmis.fit.round import Round
 from dmis.pipeline import checkpoint
-from dmis.pipeline.film import FilmTile
+from dmis.pipeline.tile import Tile
+from dmis.variance.moments import Film
 
 OPTIONS = {"rule": "thesis", "spp": 32, "seed": 9, "parallel": 1}
 CHILD = """
@@ -29,10 +32,10 @@ import dmis
 from dmis.pipeline.checkpoint import Store
 
 append, written = Store.append, []
-def append_and_print(store, tile):
+def append_and_print(store, tile, film):
     if len(written) == int(sys.argv[4]):
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-    append(store, tile)
+    append(store, tile, film)
     written.append(tile)
     print(tile.pass_, tile.number, flush=True)
 
@@ -120,7 +123,9 @@ def here(folder, size):
     """The same render in this process: the result, and the tiles that it has rendered."""
     tiles, append = [], checkpoint.Store.append
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checkpoint.Store, "append", lambda store, tile: tiles.append(tile) or append(store, tile))
+        patch.setattr(
+            checkpoint.Store, "append", lambda store, tile, film: tiles.append(tile) or append(store, tile, film)
+        )
         scene = shared_scene("cornell", (size, size))
         result = dmis.render(scene, "thesis", 40, seed=3, parallel=2, checkpoint=folder, integrator="direct")
     return result, [f"{tile.pass_} {tile.number}" for tile in tiles]
@@ -253,26 +258,27 @@ def stored(path):
     rng = np.random.default_rng(1)
     moments = rng.random((2, 4, 4, 3), np.float32)
     store = checkpoint.Store(path, {"seed": 1})
-    store.append(FilmTile(0, 5, (0, 4), (4, 8), *moments, {"camera": 5}, {"sums": rng.random((2, 1, 1))}))
+    tile = Tile(1, 0, 5, (0, 4), (4, 8), Round(2, shares_of(0.5), dmis.Settings()))
+    store.append(tile, Film(2, *moments, {"camera": 5}, {"sums": rng.random((2, 1, 1))}))
     return store, path / "0-5.npz"
 
 
 def test_damaged_tiles_are_rendered_again(tmp_path):
     """Wherever the file ends and whatever byte is changed, it is either the tile or none."""
     store, file = stored(tmp_path / "c")
-    (whole,), good = store.finished_tiles(0), file.read_bytes()
+    ((_, whole),), good = store.finished_tiles(0), file.read_bytes()
     for place in range(0, len(good), 7):
         file.write_bytes(good[:place])
         assert not list(store.finished_tiles(0))
     number = 0
     for place in range(0, len(good), 3):
         file.write_bytes(good[:place] + bytes([good[place] ^ 0x55]) + good[place + 1 :])
-        for tile in store.finished_tiles(0):
+        for tile, film in store.finished_tiles(0):
             number += 1
-            assert (tile.number, tile.rows, tile.columns, tile.rays) == (5, (0, 4), (4, 8), {"camera": 5})
-            np.testing.assert_array_equal(tile.mean, whole.mean)
-            np.testing.assert_array_equal(tile.root, whole.root)
-            np.testing.assert_array_equal(tile.sums["sums"], whole.sums["sums"])
+            assert (tile, film.n, film.rays) == (5, 2, {"camera": 5})
+            np.testing.assert_array_equal(film.mean, whole.mean)
+            np.testing.assert_array_equal(film.root, whole.root)
+            np.testing.assert_array_equal(film.sums["sums"], whole.sums["sums"])
     assert number < len(good) / 15  # times and places that nothing depends on
 
 

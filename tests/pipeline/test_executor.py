@@ -25,8 +25,8 @@ from dmis.fit.registry import RULES
 from dmis.fit.round import Budget
 from dmis.fit.rule import merge_settings
 from dmis.pipeline import executor
-from dmis.pipeline.film import PassFilm
 from dmis.pipeline.tile import make_tiles
+from dmis.variance.moments import Film
 
 OPTIONS = {"rule": "second-moment", "spp": 32, "seed": 4}
 
@@ -262,14 +262,14 @@ def _older(call, scene, _, function, item):
 def test_results_are_let_go(wide, monkeypatch):
     """Tiles are merged as they come: few are in memory at a time."""
     alive, most = weakref.WeakSet(), []
-    merge_tile = PassFilm.merge_tile
+    merge = Film.merge
 
-    def watched(film, tile):
-        alive.add(tile)
+    def watched(film, part, *others):
+        alive.add(part)
         most.append(len(alive))
-        merge_tile(film, tile)
+        merge(film, part, *others)
 
-    monkeypatch.setattr(PassFilm, "merge_tile", watched)
+    monkeypatch.setattr(Film, "merge", watched)
     dmis.render(wide, "balance", 32, parallel=1)
     assert len(most) == 15 and max(most) <= 3
 

@@ -16,14 +16,14 @@ from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Record
 from dmis.fit.best_pattern import looks_at
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.round import Budget, Round
 from dmis.fit.sample_density import FirstRound
 from dmis.pipeline.checkpoint import Store
-from dmis.pipeline.film import FilmTile, PassFilm, pilot_shares
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.result import costly_pilot
-from dmis.variance.moments import Film
+from dmis.pipeline.tile import Tile
+from dmis.variance.moments import Film, pilot_shares
 
 RESOLUTION = (2 * PATCH, PATCH + 1)
 ROUND = Round(2, pixel_shares(0.5), Settings())
@@ -38,40 +38,38 @@ def tiles():
         shape = rows[1] - rows[0], columns[1] - columns[0]
         moments = rng.random((2, *shape, 3), np.float32)
         sums = {"curve": rng.random((2, *(-(-n // PATCH) for n in shape)))}
-        tiles.append(FilmTile(3, number, rows, columns, *moments, {"camera": 10**number}, sums))
+        tile = Tile(1, 3, number, rows, columns, ROUND)
+        tiles.append((tile, Film(number + 1, *moments, {"camera": 10**number}, sums)))
     return tiles
 
 
 def test_tiles_are_merged_to_their_places_in_any_order(tiles):
     """Pixels, patches, rays and marks are those of the tiles, whatever the order in which these arrive."""
     for order in permutations(tiles):
-        film = PassFilm(RESOLUTION, 3, ROUND)
-        assert not film.done.any()
-        for tile in order:
-            film.merge_tile(tile)
-        assert film.done.all() and film.rays == {"camera": 111}
-        assert film.mean.dtype == film.root.dtype == np.float32
-        for tile in tiles:
-            area = slice(*tile.rows), slice(*tile.columns)
-            np.testing.assert_array_equal(film.mean[area], tile.mean)
-            np.testing.assert_array_equal(film.root[area], tile.root)
-        top = np.concatenate([tile.sums["curve"] for tile in tiles[:2]], axis=-1)
-        np.testing.assert_array_equal(film.sums["curve"], np.concatenate([top, tiles[2].sums["curve"]], axis=-2))
+        film = Film(2, *np.zeros((2, *RESOLUTION[::-1], 3), np.float32))
+        for tile, part in order:
+            film.merge(part, tile.area)
+        assert film.rays == {"camera": 111} and film.mean.dtype == film.root.dtype == np.float32
+        for tile, part in tiles:
+            np.testing.assert_array_equal(film.mean[tile.area], part.mean)
+            np.testing.assert_array_equal(film.root[tile.area], part.root)
+        left, right, bottom = (part.sums["curve"] for _, part in tiles)
+        whole = np.concatenate([np.concatenate([left, right], axis=-1), bottom], axis=-2)
+        np.testing.assert_array_equal(film.sums["curve"], whole)
 
 
 def test_tiles_of_a_checkpoint_are_those_that_were_appended(tiles, tmp_path):
-    """Every field of a film tile comes back from the file, and only those of the pass that is asked for."""
+    """The film of a tile comes back from the file, and only those of the pass that is asked for."""
     store = Store(tmp_path / "c", {"seed": 1})
-    for tile in tiles:
-        store.append(tile)
+    for tile, part in tiles:
+        store.append(tile, part)
     store = Store(tmp_path / "c", {"seed": 1})
     assert not list(store.finished_tiles(2))
-    for tile, read in zip(tiles, store.finished_tiles(3), strict=True):
-        for name in ("pass_", "number", "rows", "columns", "rays"):
-            assert getattr(read, name) == getattr(tile, name)
+    for (tile, part), (number, read) in zip(tiles, store.finished_tiles(3), strict=True):
+        assert (number, read.n, read.rays) == (tile.number, part.n, part.rays)
         for name in ("mean", "root"):
-            np.testing.assert_array_equal(getattr(read, name), getattr(tile, name))
-        np.testing.assert_array_equal(read.sums["curve"], tile.sums["curve"])
+            np.testing.assert_array_equal(getattr(read, name), getattr(part, name))
+        np.testing.assert_array_equal(read.sums["curve"], part.sums["curve"])
 
 
 def test_variance_of_the_pilot_in_an_image():
@@ -102,7 +100,7 @@ def test_directions_of_records(box: dmis.Scene, directions: bool) -> None:
     asked = directions
 
     class Keep:
-        directions = asked
+        wants = dmis.Wants(directions=asked)
 
         def __init__(self, pixels: int, shading_samples: int) -> None: ...
 
@@ -129,7 +127,7 @@ def test_directions_of_records(box: dmis.Scene, directions: bool) -> None:
         assert (np.abs(on_lamp[:2]) < 1 + 1e-4).all() and (record.p[2] >= -1).all()
 
 
-def film_of(scene: dmis.Scene, **changes: Any) -> Pilot:
+def film_of(scene: dmis.Scene, **changes: Any) -> Film:
     """Return the film of a round of a render by paths."""
     job = resolve(scene, "balance", 4, 1, dmis.Settings(integrator="path", sampler="sobol"))
     with Passes(job, 1) as passes:
@@ -142,7 +140,7 @@ def test_pixel_sums_are_rays_and_squares(box: dmis.Scene) -> None:
     hits = sum(n for kind, n in film.rays.items() if kind.startswith(("camera", "untraced", "bounce")))
     assert film.sums["closest hits"].sum() == hits
     assert film.sums["occlusion rays"].sum() == sum(film.rays.values()) - hits
-    squares = patch_sum(by_colour(np.square(film.moments.mean).mean(axis=2)), PATCH)
+    squares = patch_sum(by_colour(np.square(film.mean).mean(axis=2)), PATCH)
     np.testing.assert_allclose(film.sums["squares"], squares, rtol=1e-5)
 
 
@@ -152,7 +150,7 @@ def test_a_statistic_is_of_the_pixels_that_have_samples(box: dmis.Scene) -> None
     class Told:
         """Statistic of the number of pixels it is made for, and of the samples that it gets."""
 
-        by_colour = True
+        wants = dmis.Wants(sums="colours")
 
         def __init__(self, pixels: int, shading_samples: int) -> None:
             self._samples = np.zeros(pixels)
@@ -168,4 +166,4 @@ def test_a_statistic_is_of_the_pixels_that_have_samples(box: dmis.Scene) -> None
     mask = looks_at((height, width))
     film = film_of(box, statistic=Told, spp=3 * mask)
     np.testing.assert_array_equal(film.sums["samples"], patch_sum(by_colour(3.0 * mask), PATCH))
-    assert (film.moments.mean[mask == 0] == 0).all() and (film.moments.mean[mask == 1] > 0).any()
+    assert (film.mean[mask == 0] == 0).all() and (film.mean[mask == 1] > 0).any()

@@ -153,9 +153,9 @@ def test_techniques_alone(rule: str) -> None:
 class TwoRounds(dmis.Rule):
     """Half of the samples as usual, and half in a round of which other fields are made from the film."""
 
-    fields: Callable[[dmis.Pilot], Mapping[str, Any]]
+    fields: Callable[[dmis.Film], Mapping[str, Any]]
 
-    def rounds(self, budget: dmis.Budget) -> Generator[dmis.Round, dmis.Pilot, None]:
+    def rounds(self, budget: dmis.Budget) -> Generator[dmis.Round, dmis.Film, None]:
         first = replace(budget.final(dmis.Fit(0.5)), spp=32, image_weight=32)
         film = yield first
         yield replace(first, **self.fields(film))

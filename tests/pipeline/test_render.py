@@ -194,7 +194,7 @@ class Divided(dmis.Rule):
         return {"reuse_pilot": self.reuse}
 
     def fit(self, pilot):
-        height, width, _ = pilot[0.5].moments.mean.shape
+        height, width, _ = pilot[0.5].mean.shape
         return Fit(0.5, samples=np.linspace(1, self.spread, height * width).reshape(height, width))
 
 
@@ -209,7 +209,7 @@ def test_weight_of_a_reused_pilot_does_not_depend_on_numbers_of_samples(box, spr
 def _rounds(scene, weights, spp, seed):
     job = resolve(scene, "thesis", 16, seed, dmis.Settings(sampler="independent"))  # as those of a pilot
     with Passes(job, 1) as passes:
-        return [passes.render(Round(spp, shares_of(w), job.settings)).moments.mean for w in weights]
+        return [passes.render(Round(spp, shares_of(w), job.settings)).mean for w in weights]
 
 
 @dataclass
@@ -223,7 +223,7 @@ class InTwo(dmis.Rule):
         whole = budget.final(Fit(self.w))
         n = budget.spp // 4
         film = yield replace(whole, spp=n, image_weight=n * self.part)
-        assert film.moments.n == n and film.rays["camera"] > 0
+        assert film.n == n and film.rays["camera"] > 0
         yield replace(whole, spp=budget.spp - n, begin=n, image_weight=(budget.spp - n) * self.part)
 
 

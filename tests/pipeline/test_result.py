@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.fit.round import Pilot
 from dmis.image import png_of, write_png
+from dmis.variance.moments import Film
 
 
 @dataclass
@@ -22,9 +22,9 @@ class Keep(dmis.Rule):
     """A rule that keeps its pilot."""
 
     pilot: Mapping[Any, int] = field(default_factory=lambda: {0.5: 2})
-    kept: list[Pilot] = field(default_factory=list)
+    kept: list[Film] = field(default_factory=list)
 
-    def fit(self, pilot: Mapping[Any, Pilot]) -> dmis.Fit:
+    def fit(self, pilot: Mapping[Any, Film]) -> dmis.Fit:
         self.kept.extend(pilot.values())
         return dmis.Fit(0.5)
 
@@ -47,7 +47,7 @@ def test_scene_is_one_line() -> None:
 def test_pilot_is_one_line() -> None:
     rule = Keep()
     dmis.render(small(), rule, 4)
-    assert [repr(pilot) for pilot in rule.kept] == ["Pilot(20x12, 2 spp, light + brdf, sums: none)"]
+    assert [repr(pilot) for pilot in rule.kept] == ["Film(20x12, 2 spp, light + brdf, sums: none)"]
 
 
 def test_average_has_the_unbiased_variance() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import dmis
 from dmis.brdf.materials import plastic
-from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.round import Budget, Round
 from dmis.fit.rule import next_round
 from dmis.pipeline import stopping
 from dmis.pipeline.job import resolve
@@ -66,7 +66,7 @@ def test_stated_errors_are_those_over_seeds(rule: str, spp: int, gain: float) ->
 class Joined(dmis.Rule):
     """A rule whose last round is 24 samples that go on from 8."""
 
-    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
         yield replace(budget.final(dmis.Fit(0.5)), spp=24, begin=8)
 
 
@@ -80,7 +80,7 @@ def test_noise_by_hand() -> None:
     for most, noise in ((32, first), (64, 0.01 / 0.17 / (2**1.3 - 1))):
         stop = stopping.Stop(noise=0)
         rounds = stop.rounds(replace(job, most=most))
-        for film in (None, *map(Pilot, films)):
+        for film in (None, *films):
             if next_round(rounds, film) is None:
                 break
         assert stop.job.notes["noise"] == pytest.approx(np.sqrt(noise))

@@ -25,7 +25,7 @@ def rule(weight: Callable[[Array, Array], Any], **attributes: Any) -> Any:
     """Return a rule whose fit returns this weight of the variances of BRDF and light samples, ``(H, W)``."""
 
     def fit(self: Any, pilot: Any) -> Any:
-        w = weight(*(pilot[k].moments.variance().mean(axis=2) for k in (0.0, 1.0)))
+        w = weight(*(pilot[k].variance().mean(axis=2) for k in (0.0, 1.0)))
         return w if isinstance(w, str) else dmis.Fit(weight=w)
 
     names = {"fit": fit, "pilot": {0.0: 2, 1.0: 2}, "settings": {"reuse_pilot": False}, **attributes}
@@ -56,7 +56,7 @@ def yielding(rounds: Callable[..., Any]) -> Any:
 def joined(budget: Any, final: Any, first: Any) -> Any:
     """The pilot decides the numbers of samples of its own pixels, and is counted with them."""
     film = yield first
-    noise = np.sqrt(film.moments.variance().mean(axis=2)) + 1e-6
+    noise = np.sqrt(film.variance().mean(axis=2)) + 1e-6
     more = np.maximum((noise / noise.mean() * final.spp).astype(int), 1)
     yield replace(final, spp=more, begin=4, before=film.moments, image_weight=budget.spp)
 
@@ -64,7 +64,7 @@ def joined(budget: Any, final: Any, first: Any) -> Any:
 def weighed(budget: Any, final: Any, first: Any) -> Any:
     """The weight of the second round depends on the brightness of the first."""
     film = yield first
-    yield replace(final, image_weight=int(1e6 * film.moments.mean.mean()) + 1)
+    yield replace(final, image_weight=int(1e6 * film.mean.mean()) + 1)
 
 
 def raising(budget: Any, final: Any, first: Any) -> Any:

@@ -9,7 +9,7 @@ from helpers import image_tile, pixel_shares
 
 import dmis
 from dmis.estimator.patterns import SHARES
-from dmis.estimator.records import Record
+from dmis.estimator.records import Record, Wants
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.pipeline.tile import render_tile
@@ -20,7 +20,7 @@ from dmis.variance.pattern_curves import PatternCurves
 class Whole(PatternCurves):
     """The same, not kept apart."""
 
-    by_colour = False
+    wants = Wants()
 
 
 def plain(pixels: int, shading_samples: int) -> Curves:

@@ -26,11 +26,11 @@ class Mine(dmis.Rule):
     def fit(self, pilot):
         """Return a share of light samples for each pixel."""
         brdf, light = (
-            gaussian(patch_mean(luminance(pilot[w].moments.variance()), self.patch))
+            gaussian(patch_mean(luminance(pilot[w].variance()), self.patch))
             for w in (0.0, 1.0)
         )
         w = np.clip((brdf + 1e-9) / (brdf + light + 2e-9), 0.1, 0.95)
-        return dmis.Fit(patch_spread(w, self.patch, pilot[0.0].moments.mean.shape[:2]))
+        return dmis.Fit(patch_spread(w, self.patch, pilot[0.0].mean.shape[:2]))
 
 
 dmis.register_rule("mine", Mine)
