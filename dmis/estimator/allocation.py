@@ -42,52 +42,24 @@ def shares_of(weight: Array | float | Sequence[float]) -> Array:
     return shares if shares.ndim in (1, 3) else np.stack([shares, 1 - shares])
 
 
-@dataclass(frozen=True, eq=False)
-class Counts:
-    """Numbers of shading samples of each technique, for each camera sample.
+def whole_counts(shares: Array, shading_samples: int, random: bool = False) -> tuple[int, ...] | None:
+    """Return how many of S shading samples each technique has, where that is the same for all camera samples.
 
-    Attributes
-    ----------
-    of_technique
-        How many go to each of the K techniques: ``(N,)`` int8, or one int for all camera samples.
-    samples_before
-        How many of its pixel's shading samples went to each technique before this camera sample, ``(K, N)``; None if
-        the same number goes there every time, or at random, or if it was not tracked.
+    That is so where one share ``(K, 1)`` for all pixels makes whole numbers; picked at `random`, where it is 1.
     """
-
-    of_technique: tuple[np.ndarray | int, ...]
-    samples_before: np.ndarray | None = None
-
-    @property
-    def first(self) -> np.ndarray | int:
-        """Number of samples of the first technique."""
-        return self.of_technique[0]
-
-    def of_every_camera_sample(self, technique: int) -> int | None:
-        """See `dmis.samplers.streams.Places`."""
-        count = self.of_technique[technique]
-        return count if isinstance(count, int) else None
-
-    def before(self, technique: int) -> Array | None:
-        """See `dmis.samplers.streams.Places`."""
-        return None if self.samples_before is None else self.samples_before[technique]
-
-    def take(self, index: np.ndarray) -> Counts:
-        """Return the counts of the camera samples `index`."""
-        samples_before = None if self.samples_before is None else self.samples_before.take(index, axis=1)
-        return Counts(tuple(n if isinstance(n, int) else n.take(index) for n in self.of_technique), samples_before)
+    if shares.shape[1] > 1 or (random and not (shares == 1).any()):
+        return None
+    all_but_last = [float(shading_samples * share) for share in shares[:-1, 0]]
+    if not all(n.is_integer() for n in all_but_last):
+        return None
+    counts = [int(n) for n in all_but_last]
+    return (*counts, shading_samples - sum(counts))
 
 
-def allocate(
-    shares: Array,
-    shading_samples: int,
-    pixel: np.ndarray,
-    number: np.ndarray,
-    offset: Array,
-    at_random: Numbers | None,
-    track_sequence: bool = True,
-) -> Counts:
-    """Divide the shading samples of N camera samples.
+def systematic_counts(
+    shares: Array, shading_samples: int, pixel: np.ndarray, number: np.ndarray, offset: Array
+) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Divide the shading samples of N camera samples by systematic rounding.
 
     Parameters
     ----------
@@ -98,21 +70,16 @@ def allocate(
     pixel, number
         Pixel of each camera sample, and number of the sample within it, ``(N,)``.
     offset
-        Random offsets of the systematic rounding in [0, 1), ``(K - 1, P)``.
-    at_random
-        None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
-        model of MIS), with numbers from here.
-    track_sequence
-        Whether to count `Counts.samples_before`, which independent numbers do without.
+        Random offsets of the rounding in [0, 1), ``(K - 1, P)``.
+
+    Returns
+    -------
+    counts
+        How many go to each technique, K arrays ``(N,)`` int8.
+    before
+        How many of its pixel's shading samples went to each technique before this camera sample, ``(K, N)``.
     """
-    if shares.shape[1] == 1 and (at_random is None or (shares == 1).any()):
-        all_but_last = [float(shading_samples * share) for share in shares[:-1, 0]]
-        if all(n.is_integer() for n in all_but_last):
-            equal = [int(n) for n in all_but_last]
-            return Counts((*equal, shading_samples - sum(equal)))
-    if at_random is not None:
-        return _random_counts(shares, at_random.techniques(shading_samples, len(pixel)), pixel)
-    of_technique: list[np.ndarray] = []
+    counts: list[np.ndarray] = []
     samples_before: list[np.ndarray] = []
     slot = number * shading_samples
     left = np.asarray(shading_samples)
@@ -124,12 +91,19 @@ def allocate(
         fraction = _of_samples(fraction, pixel)
         start = of_pixel.take(pixel)
         before, after = ((n * fraction + start).astype(np.int32) for n in (slot, slot + left))  # rounded down
-        of_technique.append(after - before)
+        counts.append(after - before)
         samples_before.append(before)
         slot = slot - before
-        left = left - of_technique[-1]
-    counts = tuple(n.astype(np.int8) for n in (*of_technique, left))
-    return Counts(counts, np.stack([*samples_before, slot]) if track_sequence else None)
+        left = left - counts[-1]
+    return tuple(n.astype(np.int8) for n in (*counts, left)), np.stack([*samples_before, slot])
+
+
+def random_counts(shares: Array, u: Array, pixel: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Divide the shading samples of N camera samples by `u` ``(S, N)``, each of which picks a technique."""
+    bounds = (_of_samples(bound, pixel) for bound in itertools.accumulate(shares[:-1]))
+    below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
+    all_of_them = np.full(len(pixel), len(u), np.int8)
+    return tuple(np.diff([*below, all_of_them], axis=0, prepend=np.int8(0)))
 
 
 def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
@@ -137,29 +111,16 @@ def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
     return of_pixels if of_pixels.size == 1 else of_pixels.take(pixel)
 
 
-def _random_counts(shares: Array, u: Array, pixel: np.ndarray) -> Counts:
-    """Return the counts of N camera samples, each of whose shading samples picks its technique by a number of u."""
-    bounds = (_of_samples(bound, pixel) for bound in itertools.accumulate(shares[:-1]))
-    below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
-    all_of_them = np.full(len(pixel), len(u), np.int8)
-    return Counts(tuple(np.diff([*below, all_of_them], axis=0, prepend=np.int8(0))))
-
-
 # Camera samples of a tile --------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class SampleBlock:
-    """Camera samples `first` to ``first + count`` of each of some `pixels` of a tile."""
+    """Camera samples `first` to ``first + count`` of each of some `pixels` of a tile, sample-major."""
 
     pixels: np.ndarray
     first: int
     count: int
-
-    def camera_samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pixel of each camera sample and its number within the pixel, sample-major."""
-        numbers = np.arange(self.first, self.first + self.count)
-        return np.tile(self.pixels, self.count), np.repeat(numbers, len(self.pixels))
 
 
 def values_of_blocks(blocks: Sequence[SampleBlock], values: Array) -> Iterator[tuple[SampleBlock, Array]]:
@@ -182,8 +143,11 @@ class CameraSamples:
     shares
         Shares w_k of the K techniques, ``(K, N)``, or ``(K, 1)`` if those of all camera samples are the same.
     counts
-        How many shading samples go to each technique; falling for the first, so that those with the same number are a
-        slice at the first surface, and nothing needs to be gathered.
+        How many shading samples go to each of the K techniques, an int or ``(N,)`` int8; falling for the first, so that
+        those with the same number are a slice at the first surface, and nothing needs to be gathered.
+    samples_before
+        How many of its pixel's shading samples went to each technique before this camera sample, ``(K, N)``; None if
+        the same number goes there every time, or at random, or no sampler asks for it.
     tilt
         Shares t_k of the balance heuristic, shaped like `shares`; None: the heuristic uses `shares`.
     subsets
@@ -195,10 +159,20 @@ class CameraSamples:
     pixel: np.ndarray
     number: np.ndarray
     shares: Array
-    counts: Counts
+    counts: tuple[np.ndarray | int, ...]
+    samples_before: np.ndarray | None = None
     tilt: Array | None = None
     subsets: LightSubsets | None = None
     order: np.ndarray | None = None
+
+    def of_every_camera_sample(self, technique: int) -> int | None:
+        """See `dmis.samplers.streams.Places`."""
+        count = self.counts[technique]
+        return count if isinstance(count, int) else None
+
+    def before(self, technique: int) -> Array | None:
+        """See `dmis.samplers.streams.Places`."""
+        return None if self.samples_before is None else self.samples_before[technique]
 
     def restore_order(self, values: Array, records: Sequence[Record] | None) -> tuple[Array, Sequence[Record]]:
         """Return `values` ``(3, N)`` of the camera samples, and `records` of them, in the order of the blocks."""
@@ -245,40 +219,47 @@ class SampleAllocation:
         self._halvings = halvings
         self._settings, self._numbers = settings, numbers
         self._offset = numbers.rounding_offsets(len(shares) - 1, pixels)
-        counts = settings.shading_samples * shares.astype(float)
-        self._keeps_order = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
+        self._counts = whole_counts(shares, settings.shading_samples, settings.allocation == "random")
+        if self._counts is None:
+            counts = settings.shading_samples * shares.astype(float)
+            self._keeps_order = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
 
     def camera_samples(self, blocks: Sequence[SampleBlock]) -> CameraSamples:
         """Return the camera samples of `blocks` in the order of their counts for the first technique, descending."""
-        pixel, number = (
-            np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
-        )
-        number = number + self._begin.take(pixel)
-        settings = self._settings
-        counts = allocate(
-            self._shares,
-            settings.shading_samples,
-            pixel,
-            self._sequence_numbers(pixel, number),
-            self._offset,
-            self._numbers if settings.allocation == "random" else None,
-            settings.sampler != "independent",
-        )
-        order = None
-        first = counts.first
-        if not isinstance(first, int):
-            # few different numbers: this takes less time than a stable sort
-            order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
-            pixel, number, counts = pixel.take(order), number.take(order), counts.take(order)
-        shares, tilt = take(self._shares, pixel), take_optional(self._tilt, pixel)
-        return CameraSamples(pixel, number, shares, counts, tilt, self._subsets(pixel, number), order)
+        pixel = np.concatenate([np.tile(block.pixels, block.count) for block in blocks])
+        numbers = [np.arange(block.first, block.first + block.count).repeat(len(block.pixels)) for block in blocks]
+        number = np.concatenate(numbers) + self._begin.take(pixel)
+        if self._counts is None:
+            return self._divided(pixel, number)
+        return self._with_shares(CameraSamples(pixel, number, self._shares, self._counts))
 
-    def _subsets(self, pixel: np.ndarray, number: np.ndarray) -> LightSubsets | None:
-        """Return which of the camera samples sample each light; None if all sample all lights."""
-        if self._halvings is None:
-            return None
-        within_round = number - self._begin.take(pixel)
-        return LightSubsets(self._halvings.take(pixel, axis=1), within_round, self._spp.take(pixel))
+    def _divided(self, pixel: np.ndarray, number: np.ndarray) -> CameraSamples:
+        """Return camera samples of different counts, in the order of these."""
+        s = self._settings.shading_samples
+        before: np.ndarray | None = None
+        if self._settings.allocation == "random":
+            counts = random_counts(self._shares, self._numbers.techniques(s, len(pixel)), pixel)
+        else:
+            in_sequence = self._sequence_numbers(pixel, number)
+            counts, before = systematic_counts(self._shares, s, pixel, in_sequence, self._offset)
+        first = counts[0]
+        # few different numbers: this takes less time than a stable sort
+        order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
+        if before is not None:
+            before = None if self._settings.sampler == "independent" else before.take(order, axis=1)
+        counts = tuple(n.take(order) for n in counts)
+        pixel, number = pixel.take(order), number.take(order)
+        return self._with_shares(CameraSamples(pixel, number, self._shares, counts, before, order=order))
+
+    def _with_shares(self, samples: CameraSamples) -> CameraSamples:
+        """Return camera samples with the shares of their pixels, and the subsets that sample each light."""
+        pixel, subsets = samples.pixel, None
+        if self._halvings is not None:
+            within_round = samples.number - self._begin.take(pixel)
+            subsets = LightSubsets(self._halvings.take(pixel, axis=1), within_round, self._spp.take(pixel))
+        return replace(
+            samples, shares=take(self._shares, pixel), tilt=take_optional(self._tilt, pixel), subsets=subsets
+        )
 
     def _sequence_numbers(self, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
         """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.

@@ -112,22 +112,22 @@ def _draws_of_lights(
 
 def shading_samples(batch: Batch, draw: Draw) -> Iterator[Samples]:
     """Yield S shading samples of each vertex of a draw, divided between the techniques, in batches."""
-    vertices, counts = draw.vertices, batch.samples.counts
+    vertices, samples = draw.vertices, batch.samples
     camera_sample = compose(vertices.sample, draw.index)
-    shares = take(batch.samples.shares, camera_sample)
-    tilt = take_optional(batch.samples.tilt, camera_sample)
+    shares = take(samples.shares, camera_sample)
+    tilt = take_optional(samples.tilt, camera_sample)
     n = size(draw.index, vertices.radiance.shape[1])
     for k, technique in enumerate(batch.techniques):
         if tilt is not None and not tilt[k].any():  # W_k = 0
             continue
-        count = counts.of_technique[k]
+        count = samples.counts[k]
         if not isinstance(count, int):
             count = take(count, camera_sample)
         # vertices that camera rays meet are in the order of the camera samples, whose counts of the first fall
         ordered = not vertices.path and (k == 0 or len(batch.techniques) == 2)
         for merged in merged_samples(batch, count, n, ordered):
             u = [
-                batch.numbers.direction(draw.key, k, i, compose(camera_sample, points), counts, technique.numbers)
+                batch.numbers.direction(draw.key, k, i, compose(camera_sample, points), samples, technique.numbers)
                 for i, points in merged
             ]
             sample_index, points = merged[0]

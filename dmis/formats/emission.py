@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmis.estimator.allocation import CameraSamples, Counts
+from dmis.estimator.allocation import CameraSamples
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import Combiner
 from dmis.estimator.settings import Settings
@@ -80,7 +80,7 @@ def lit_share(scene: Scene) -> float:
         pixel=np.tile(np.arange(places), SPP),
         number=np.repeat(np.arange(SPP), places),
         shares=np.full((2, 1), 0.5, np.float32),
-        counts=Counts((1, 1)),
+        counts=(1, 1),
     )
     numbers.start(samples.pixel, samples.number)
     caster = CountingCaster(scene.intersector)

@@ -194,7 +194,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
             may_see = None if covered is None else indices(covered.take(samples.pixel))
             values = radiance(batch, *_camera_rays(scene, numbers, (x, y), samples.pixel), may_see)
             if collector is not None:
-                first = np.broadcast_to(samples.counts.first, len(samples.pixel))
+                first = np.broadcast_to(samples.counts[0], len(samples.pixel))
                 collector.add(records or [], samples.pixel, first, shading_samples)
             values, ordered = samples.restore_order(values, records)
             if statistic is not None:

@@ -12,7 +12,7 @@ from helpers import LAMP, Z_LIMIT, images_z_score, lamp_images, z_score
 import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import plastic
-from dmis.estimator.allocation import allocate
+from dmis.estimator.allocation import systematic_counts
 from dmis.estimator.records import Record
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.registry import make_rule
@@ -94,7 +94,7 @@ def variance(f: Any, w: Array, s: int, exact=(True, True, True)) -> float:
     offset = np.random.default_rng(1).random((len(w) - 1, 4000))
     at = np.arange(4000)
     shares = np.repeat(np.array(w)[:, None], 4000, axis=1)
-    counts = allocate(shares, s, at, at * 0 + 3, offset, None).of_technique
+    counts, _ = systematic_counts(shares, s, at, at * 0 + 3, offset)
     found, number = np.unique(np.array(counts), axis=1, return_counts=True)
     total = 0.0
     for n, share in zip(found.T, number / number.sum(), strict=True):

@@ -265,7 +265,7 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
     allocation = SampleAllocation(shares, pixels, settings, Numbers(source, np.random.default_rng(1)))
     (blocks,) = sample_batches(spp, np.arange(pixels), 10**6)
     samples = allocation.camera_samples(blocks)
-    first, before = np.asarray(samples.counts.first).astype(int), samples.counts.samples_before
+    first, before = np.asarray(samples.counts[0]).astype(int), samples.samples_before
     assert before is not None
     source.start(samples.pixel, samples.number)
     left = source.draw("camera", None)[0] < 0.5
