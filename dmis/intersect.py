@@ -2,7 +2,7 @@
 
 All triangles of a scene are one Embree mesh, so a hit's primitive number is the row of every per-triangle table.
 Rays come as float32 ``(3, N)``; the transposed view goes to Embree without a copy. A ray begins exactly at its
-origin (Embree's near distance is fixed at 0): the caller offsets origins, see `dmis.scene.ray_offsets`.
+origin (Embree's near distance is fixed at 0): the caller offsets origins, see `dmis.scene.rescale.ray_offsets`.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ KD, KS = 0.5, 0.4
 EDGE = 8.0
 """Of the floor: the size of the scene, by which all distances are meant."""
 LIFT = 1e-6 * EDGE * np.sqrt(2)
-"""How far from the surface rays begin, see `dmis.scene.ray_offsets`: what is nearer to it may as well be on
+"""How far from the surface rays begin, see `dmis.scene.rescale.ray_offsets`: what is nearer to it may as well be on
 it."""
 ULP = 6e-8
 """Relative rounding of float32."""

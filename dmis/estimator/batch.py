@@ -1,17 +1,22 @@
-"""Batches: camera samples that are shaded together, and the state that the estimator shares while it shades them."""
+"""Batches of camera samples, of the vertices of their paths, and of the shading samples that are taken there."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from dmis.base.vectors import Array, Selection, compose, take
 from dmis.estimator.allocation import CameraSamples
 from dmis.estimator.mis import Combiner
-from dmis.estimator.records import Records
+from dmis.estimator.records import Record, Records
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import Technique
 from dmis.intersect import CountingCaster
+from dmis.light.light_sample import LightSample
 from dmis.samplers.streams import Numbers
 from dmis.scene.scene import Scene
+from dmis.scene.shading_points import ShadingPoints
 
 
 @dataclass(eq=False)
@@ -42,3 +47,96 @@ class Batch:
     samples: CameraSamples
     numbers: Numbers
     records: Records | None = None
+
+
+@dataclass(eq=False)
+class Vertices:
+    """Path vertices: N surface points of one group, and the radiance that each reflects.
+
+    Attributes
+    ----------
+    sample
+        Camera sample numbers, ``(N,)``; None: all, in order.
+    throughput
+        Of their paths up to the vertex, ``(3, N)``; None: 1.
+    path
+        Delta lobes that led here, or in path tracing the number of vertices before: keys of random numbers.
+    radiance
+        Radiance reflected or emitted towards the vertex before, ``(3, N)``, added to.
+    scattered
+        Whether a lobe other than a delta lobe sent the path here, ``(N,)`` bool, or one for all.
+    """
+
+    surface: ShadingPoints
+    sample: Selection | None
+    throughput: Array | None
+    path: tuple[int, ...]
+    radiance: Array
+    scattered: np.ndarray | bool = False
+
+
+@dataclass(eq=False)
+class Samples:
+    """Shading samples: N directions that one technique picked, towards one light.
+
+    Attributes
+    ----------
+    technique_index
+        k, number of the technique, from 0.
+    sample_index
+        Which of the camera sample's samples of this technique it is, from 0; of merged ones, that of the first.
+    key
+        Which light and which path, see `dmis.estimator.records.Record`.
+    vertex
+        The vertices that they belong to, in `Vertices`; a vertex may have several.
+    surface
+        Those vertices' surface points.
+    light_sample
+        Directions, and what they see of the light.
+    shares
+        Shares w_k of the techniques, as in `dmis.estimator.allocation.CameraSamples`.
+    tilt
+        Shares of the heuristic, as in `dmis.estimator.allocation.CameraSamples`.
+    """
+
+    technique_index: int
+    sample_index: int
+    key: tuple[int, ...]
+    vertex: Selection | None
+    surface: ShadingPoints
+    light_sample: LightSample
+    shares: Array
+    tilt: Array | None
+
+
+def record_samples(
+    batch: Batch,
+    vertices: Vertices,
+    samples: Samples,
+    lit: Selection | None,
+    pdf: Array,
+    contribution: Array,
+    visible: Selection | None,
+) -> None:
+    """Write down the samples `lit`, as they arrive at the camera, for statistics.
+
+    Parameters
+    ----------
+    pdf
+        Densities of all techniques, ``(K, L)``, of the L samples `lit`.
+    contribution, visible
+        ``W f / (w_k p_k S)``, ``(3, V)``, and which V of those L samples have it. The others' is 0.
+    """
+    assert batch.records is not None
+    value = np.zeros((3, pdf.shape[1]), np.float32)
+    value[:, slice(None) if visible is None else visible] = contribution * np.float32(batch.settings.shading_samples)
+    vertex = compose(samples.vertex, lit)
+    if vertices.throughput is not None:
+        value *= take(vertices.throughput, vertex)
+    camera_sample = compose(vertices.sample, vertex)
+    record = Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf)
+    if batch.records.directions:
+        n = pdf.shape[1]
+        wi, p = (np.broadcast_to(take(a, lit), (3, n)) for a in (samples.light_sample.wi, samples.surface.p))
+        record = replace(record, wi=wi, p=p, surface=samples.surface.take(lit))
+    batch.records.append(record)

@@ -21,9 +21,8 @@ import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
 from dmis.brdf.cosines import Directions
-from dmis.estimator.batch import Batch
+from dmis.estimator.batch import Batch, Samples, Vertices, record_samples
 from dmis.estimator.draws import Draw, draws, shading_samples
-from dmis.estimator.samples import Samples, Vertices, record_samples
 from dmis.light.light_sample import LightSample
 from dmis.scene.shading_points import ShadingPoints
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, compose, indices, size, take, take_optional
-from dmis.estimator.batch import Batch
-from dmis.estimator.samples import Samples, Vertices
+from dmis.estimator.batch import Batch, Samples, Vertices
+from dmis.estimator.patterns import LightSubsets
 from dmis.light.light import SampledLight
 
 MERGED = 2**15
@@ -78,34 +78,37 @@ def _draws_of_lights(
     batch: Batch, vertices: Vertices, beyond: bool, sampled: tuple[SampledLight, ...], where: Index | None
 ) -> Iterator[Draw]:
     """Yield draws of `sampled` and delta lights at the vertices `where`: of all, or of one picked for each vertex."""
-    plan, settings = batch.scene.plan, batch.settings
-    lights = (*sampled, *plan.deltas)
+    plan, lights = batch.scene.plan, (*sampled, *batch.scene.plan.deltas)
     picked = None
-    over_probability = np.float32(1)
-    if settings.one_light and len(lights) > 1:
+    if batch.settings.one_light and len(lights) > 1:
         u = batch.numbers.light((*vertices.path, int(beyond)), vertices.sample)
         picked = (u * np.float32(len(lights))).astype(np.int16)
-        over_probability = np.float32(len(lights))
-    at_first_surface = not vertices.path
-    subsets = batch.samples.subsets if at_first_surface and not beyond else None
+    over_probability = np.float32(1 if picked is None else len(lights))
+    first_surface = not vertices.path
     for number, light in enumerate(lights):
         index = where if picked is None else indices(picked == number)
-        # delta lights share the last place
-        subset = None if subsets is None else subsets.of_light(min(number, len(sampled)), vertices.sample)
-        if subset is not None:
-            index = subset[0]
-        if index is not None and len(index) == 0:
-            continue
         key = (*vertices.path, number + len(lights) * beyond)
-        is_headlight = at_first_surface and number - len(sampled) in plan.headlights
+        is_headlight = first_surface and number - len(sampled) in plan.headlights
         draw = Draw(light, vertices, index, key, over_probability, traced=not is_headlight)
-        if subsets is None or subset is None:
+        if batch.samples.subsets is not None and first_surface and not beyond:
+            # delta lights share the last place
+            yield from _of_subset(batch.samples.subsets, min(number, len(sampled)), draw)
+        elif index is None or len(index):
             yield draw
-            continue
+
+
+def _of_subset(subsets: LightSubsets, light: int, draw: Draw) -> Iterator[Draw]:
+    """Yield a draw of the camera samples that sample the light, and add what they reflect with their weight."""
+    vertices = draw.vertices
+    subset = subsets.of_light(light, vertices.sample)
+    if subset is None:
+        yield draw
+        return
+    index, weight, block = subset
+    if len(index):
         apart = replace(vertices, radiance=np.zeros_like(vertices.radiance))
-        yield replace(draw, vertices=apart)
+        yield replace(draw, vertices=apart, index=index)
         # sum of f / p_w over all m camera samples of a pixel ~ m / m' times that over the m' of the subset
-        index, weight, block = subset
         reflected = apart.radiance.take(index, axis=1) * weight
         subsets.radiance[block, :, compose(vertices.sample, index)] += reflected.T
 

@@ -13,11 +13,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
-from dmis.estimator.batch import Batch
+from dmis.estimator.batch import Batch, Vertices
 from dmis.estimator.cost import UNTRACED
 from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
-from dmis.estimator.samples import Vertices
 from dmis.intersect import Hits
 from dmis.scene.shading_points import ShadingPoints
 
@@ -78,7 +77,7 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
         if not emits and (last or not group.reflects):
             continue
         for index in point_chunks(indices(group_of == number), len(group_of)):
-            surface, emission = scene.shading_points(group, hits, index, rays.direction)
+            surface, emission = scene.surfaces.shading_points(group, hits, index, rays.direction)
             sample, throughput = compose(rays.sample, index), take_optional(rays.throughput, index)
             # L_o = L_e + integral of f   (docs/theory.md, Eq. 1)
             out = np.zeros(surface.wo.shape, np.float32)

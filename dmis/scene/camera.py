@@ -18,6 +18,9 @@ from dmis.image import check_size
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.samplers.warp import square_to_disk
 
+POSITION_ERROR = 2.0**-18
+"""Share of the largest coordinate by which positions may be off, many times that of float32."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -179,6 +182,36 @@ class Camera:
             x = width / 2 - self.corner[0] + right / (depth * self.pixel)
             y = height / 2 - self.corner[1] - up / (depth * self.pixel)
         return x, y, depth, float(np.linalg.norm(matrix, 2))
+
+    def covered_pixels(self, meshes: Sequence[Mesh]) -> np.ndarray | None:
+        """Return the pixels that triangles of `meshes` may cover, ``(H, W)`` bool; None if that is all of them.
+
+        Only what is provable counts. A pixel is left out if it lies outside the bounds of every triangle in the image,
+        with room for the pixel filter and for the rounding of float32 positions and directions. A triangle that reaches
+        behind the camera covers everything, and so it is for any camera but a pinhole.
+        """
+        if not self.is_pinhole:
+            return None
+        width, height = self.resolution
+        size = np.array([[width], [height]])
+        reach = 0.0 if self.filter is None else max(self.filter.radius)
+        begins = np.zeros((height + 1, width + 1), np.int32)  # its sums over rows and columns count rectangles
+        for mesh in meshes:
+            error = POSITION_ERROR * max(np.abs(mesh.vertices).max(), np.abs(self.origin).max())
+            x, y, depth, scale = self.raster(mesh.vertices)
+            near = error * scale  # of camera space, where lengths may differ from the world's
+            faces = mesh.faces[(depth[mesh.faces] > -near).any(axis=1)]
+            if (depth[faces] <= near).any():
+                return None
+            places = np.stack([x, y])
+            margin = 1 + reach + near / (depth * self.pixel)
+            # rectangles outside of the image have no extent
+            left, top = np.floor(np.clip((places - margin)[:, faces].min(axis=2), 0, size)).astype(np.int64)
+            right, bottom = np.ceil(np.clip((places + margin)[:, faces].max(axis=2), 0, size)).astype(np.int64)
+            for row, column, step in ((top, left, 1), (top, right, -1), (bottom, left, -1), (bottom, right, 1)):
+                np.add.at(begins, (row, column), step)
+        covered = begins.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
+        return None if covered.all() else covered
 
     def rays(self, x: Array, y: Array) -> Array:
         """Return unit directions ``(3, N)`` through raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""

@@ -101,7 +101,7 @@ def render_surface_layers(scene: Scene, names: Sequence[str]) -> dict[str, Array
         depth = np.where(met, hit.distance, np.inf)
         place = (start + direction * np.where(met, depth, 0)) * length + origin[:, None]
         ends = np.cumsum([part.mesh.triangles for part in inner.parts])
-        uv = interpolate(columns(inner.tables.uv, hit.prim), hit.u, hit.v)
+        uv = interpolate(columns(inner.surfaces.uv, hit.prim), hit.u, hit.v)
         part = np.where(met, np.searchsorted(ends, hit.prim, "right"), -1)
         of_centres = {"depth": depth * length, "position": place * met, "uv": uv * met, "part": part}
         layers |= {name: values.reshape(-1, *grid[0].shape) for name, values in of_centres.items()}
@@ -131,7 +131,7 @@ def _first_hits(scene: Scene, side: int, shift: tuple[float, float] = (0.0, 0.0)
         for number, group in enumerate(plan.groups):
             index = np.flatnonzero(group_of == number)
             if len(index):
-                points, _ = scene.shading_points(group, hits, index, direction)
+                points, _ = scene.surfaces.shading_points(group, hits, index, direction)
                 lobes = (*points.reflection, *points.transmission, *points.delta)
                 normal[:, k + index] = points.n
                 albedo[:, k + index] = sum(lobe.albedo() for lobe in lobes)

@@ -11,8 +11,7 @@ import numpy as np
 from dmis.base.validate import number
 from dmis.base.vectors import Array, Index
 from dmis.brdf.texture import Image, check_values
-from dmis.intersect import Hits, Intersector, RayCaster
-from dmis.light.coincident import lamp_triangles, two_sided
+from dmis.intersect import Hits, RayCaster
 
 MAX_HOLES = 1000
 """Most holes in surfaces that one ray passes."""
@@ -60,21 +59,6 @@ def _chance(hits: Hits, direction: Array) -> Array:
     return ((mixed * np.uint32(0x85EBCA6B)) >> np.uint32(8)) * np.float32(2**-24)
 
 
-def make_caster(parts: Sequence[Any], uv: Callable[[Index], Array]) -> RayCaster:
-    """Return Embree over all triangles of `parts`, in order, whose rays pass the holes of masks; see `MaskedCaster`."""
-    offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts)])
-    # the last vertex is no number: Embree leaves out triangles that have it
-    vertices = np.concatenate([*(part.mesh.vertices for part in parts), np.full((1, 3), np.nan)], dtype=np.float32)
-    faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(parts, offsets, strict=False)])
-    lamps = lamp_triangles(parts)[:2]
-    caster = two_sided(Intersector(vertices[:-1], faces), *lamps)
-    masked = np.repeat([part.mask is not None for part in parts], [len(part.mesh.faces) for part in parts])
-    if not masked.any():
-        return caster
-    solid = two_sided(Intersector(vertices, np.where(masked[:, None], offsets[-1], faces)), *lamps)
-    return MaskedCaster(caster, solid, parts, uv)
-
-
 class MaskedCaster:
     """Ray caster whose rays pass the holes of `parts`; rays that meet none cost nothing more.
 
@@ -82,7 +66,7 @@ class MaskedCaster:
     behind the hole, however close. Masks behind the hole are met by rays over all triangles, by `caster`, that begin
     behind it by the rounding of positions.
 
-    `uv` returns the texture coordinates of triangles as columns ``(6, N)``, see `dmis.scene.triangle_tables.Tables`.
+    `uv` returns the texture coordinates of triangles as columns ``(6, N)``, see `dmis.scene.shading_points.Surfaces`.
     """
 
     def __init__(self, caster: RayCaster, solid: RayCaster, parts: Sequence[Any], uv: Callable[[Index], Array]) -> None:

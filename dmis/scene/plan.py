@@ -21,8 +21,7 @@ from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, Sample
 from dmis.light.pieces import Pieces
 from dmis.light.selection import SELECTIONS, select_lights
 from dmis.scene.camera import Camera
-from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group
-from dmis.scene.simplify import simplify
+from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group, simplify
 
 MANY_LIGHTS = 128
 """Number of lights from which on they are sampled as one. At equal CPU time, relMSE is that of samples of each with

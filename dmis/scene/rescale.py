@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array
+from dmis.base.vectors import TINY, Array
 from dmis.brdf.relief import BumpMap
 from dmis.geometry.mesh import Mesh
+from dmis.geometry.refinement import diagonals
 from dmis.light.light import Light
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
@@ -32,6 +33,8 @@ KEPT_RADIANCES = 2.0**-32, 2.0**32
 """Range of the brightest radiance for which its unit stays: squares of samples, and 1e9 times these, are in float32."""
 LIGHT_EXTENTS = 1e-12, 1e12
 """Range of extents of lights, in diagonals of the scene."""
+RAY_OFFSET = 1e-6
+"""Distance of ray origins from the surfaces that rays leave, in extents of these (rounding of float32)."""
 
 
 def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tuple[Array, float, float]:
@@ -105,3 +108,28 @@ def rescale(
 def _unit(value: float, kept: tuple[float, float]) -> float:
     """Return 1 if `value` is in the range that is `kept`, or 0; else a power of two near it."""
     return 1.0 if kept[0] <= value <= kept[1] or value == 0 else 2.0 ** math.floor(math.log2(value))
+
+
+def ray_offsets(parts: Sequence[Part], bounds: tuple[Array, Array], small: Array) -> Array:
+    """Return the distance along the geometric normal at which rays begin: one, ``()``, or of each triangle, ``(T,)``.
+
+    One is `RAY_OFFSET` of the scene's diagonal or of its largest coordinate, whichever is larger, because these set the
+    rounding of float32 positions. In a scene with small bodies, rays would begin far above these. There it is
+    `RAY_OFFSET` of the triangle's size or largest coordinate, which set the rounding of a point on it, and of the
+    height above it at which Embree sees a ray begin (both less than 2e-7 of that); or of the smallest body.
+
+    Parameters
+    ----------
+    bounds
+        Least and largest coordinates of the parts that rays leave, ``(3,)`` each.
+    small
+        Bounds of the bodies that are small beside the scene, ``(B, 2, 3)``.
+    """
+    low, high = bounds
+    epsilon = np.array(RAY_OFFSET * max(np.linalg.norm(high - low), np.abs([low, high]).max()), np.float32)
+    if not len(small):
+        return epsilon
+    corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts])
+    size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    extent = np.maximum(np.maximum(size, np.abs(corners).max(axis=(1, 2))), diagonals(small).min())
+    return np.clip((RAY_OFFSET * extent).astype(np.float32), TINY, epsilon)

@@ -17,21 +17,19 @@ import numpy as np
 
 from dmis.base.vectors import Array, Selection, columns
 from dmis.geometry.refinement import bodies, refine_near_bodies, small_beside
-from dmis.intersect import Hits, RayCaster
+from dmis.intersect import Hits, Intersector, RayCaster
+from dmis.light.coincident import lamp_triangles, two_sided
 from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
-from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts, point_light_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
-from dmis.scene.masks import make_caster
+from dmis.scene.masks import MaskedCaster
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
-from dmis.scene.ray_offsets import ray_offsets
-from dmis.scene.rescale import rescale, units
+from dmis.scene.rescale import ray_offsets, rescale, units
 from dmis.scene.shading_points import ShadingPoints, Surfaces
 from dmis.scene.suggestions import Suggestions
-from dmis.scene.triangle_tables import Tables
 
 
 class SceneWarning(UserWarning):
@@ -142,7 +140,7 @@ class Scene:
 
     def seen_by(self, camera: Camera) -> Scene:
         """Return the scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
-        shared = "plan", "tables", "surfaces", "intersector", "epsilon"
+        shared = "plan", "surfaces", "intersector", "epsilon"
         return self.changed(camera=camera, **{name: getattr(self, name) for name in shared})
 
     def changed(self, **values: Any) -> Scene:
@@ -171,7 +169,7 @@ class Scene:
 
     @cached_property
     def epsilon(self) -> Array:
-        """Ray offsets, float32: one, ``()``, or of each triangle, ``(T,)``, see `dmis.scene.ray_offsets`."""
+        """Ray offsets, float32: one, ``()``, or of each triangle, ``(T,)``, see `dmis.scene.rescale.ray_offsets`."""
         return ray_offsets(self.parts, self.bounds, self.small_bodies)
 
     @cached_property
@@ -211,17 +209,28 @@ class Scene:
 
     @cached_property
     def covered_pixels(self) -> np.ndarray | None:
-        """Pixels that triangles may cover, ``(H, W)`` bool; None: all of them, see `dmis.scene.coverage`."""
+        """Pixels that triangles may cover, ``(H, W)`` bool; None: all of them, see `Camera.covered_pixels`."""
         if self.plan.environment:
             return None
         live = [part.mesh for part, group in zip(self.parts, self.plan.part_group, strict=True) if group != NO_GROUP]
-        return find_covered_pixels(self.camera, live if self.plan.has_light else [])
+        return self.camera.covered_pixels(live if self.plan.has_light else [])
 
     @cached_property
     def intersector(self) -> RayCaster:
         """Embree over all triangles of all parts, in order; of lamps back to back it reports the one that is met, and
         it traces rays on through the holes of masks."""
-        return make_caster(self.parts, lambda prim: columns(self.tables.uv, prim))
+        meshes = [part.mesh for part in self.parts]
+        offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        # the last vertex is no number: Embree leaves out triangles that have it
+        vertices = np.concatenate([*(mesh.vertices for mesh in meshes), np.full((1, 3), np.nan)], dtype=np.float32)
+        faces = np.concatenate([mesh.faces + np.int32(k) for mesh, k in zip(meshes, offsets, strict=False)])
+        lamps = lamp_triangles(self.parts)[:2]
+        caster = two_sided(Intersector(vertices[:-1], faces), *lamps)
+        masked = np.repeat([part.mask is not None for part in self.parts], [len(mesh.faces) for mesh in meshes])
+        if not masked.any():
+            return caster
+        solid = two_sided(Intersector(vertices, np.where(masked[:, None], offsets[-1], faces)), *lamps)
+        return MaskedCaster(caster, solid, self.parts, lambda prim: columns(self.surfaces.uv, prim))
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
@@ -245,14 +254,9 @@ class Scene:
         self.surfaces.prepare()
 
     @cached_property
-    def tables(self) -> Tables:
-        """Vertex attributes of the triangles, see `dmis.scene.triangle_tables.Tables`."""
-        return Tables(self.parts)
-
-    @cached_property
     def surfaces(self) -> Surfaces:
-        """What turns hits into shading points."""
-        return Surfaces(self.plan, self.tables, self.epsilon)
+        """Vertex attributes of the triangles, and what turns hits into shading points."""
+        return Surfaces(self.parts, self.plan, self.epsilon)
 
     def shading_points(
         self, group: Group, hits: Hits, index: Selection | None, direction: Array

@@ -2,41 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache, cached_property
 from operator import is_
 from typing import Any
 
 import numpy as np
 
+from dmis.base.patches import row_blocks
 from dmis.base.plugins import locked
 from dmis.base.vectors import TINY, Array, Index, Selection, columns, compose, dot, frame, normalise, take
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.intersect import Hits
-from dmis.scene.groups import Group, bind_lobes
+from dmis.scene.groups import Group, Part, bind_lobes
 from dmis.scene.plan import Plan
-from dmis.scene.triangle_tables import Tables
 
 
-@dataclass(frozen=True, eq=False)
 class Surfaces:
-    """All surfaces of a scene: its plan, the vertex attributes of its triangles, and its ray offsets."""
+    """All surfaces of a scene: vertex attributes as rows per triangle, one gather per hit, and what is made of these.
 
-    plan: Plan
-    tables: Tables
-    epsilon: Array
+    Each table is built when it is first read, so a scene without textures never has texture coordinates.
+
+    Attributes
+    ----------
+    parts
+        The scene's parts, whose triangles are in order.
+    plan, epsilon
+        Its plan, and its ray offsets.
+    """
+
+    def __init__(self, parts: tuple[Part, ...], plan: Plan, epsilon: Array) -> None:
+        self.parts, self.plan, self.epsilon = parts, plan, epsilon
 
     def prepare(self) -> None:
         """Build the tables that `shading_points` reads."""
-        _ = self.tables.corners
+        _ = self.corners
         for group in self.plan.groups:
             if group.turns:
-                _ = self.tables.normals
+                _ = self.normals
             if group.textured:
-                _ = self.tables.uv
+                _ = self.uv
             if group.relief is not None or (group.anisotropic and group.tangent is None):
-                _ = self.tables.tangents
+                _ = self.tangents
 
     def shading_points(
         self, group: Group, hits: Hits, index: Selection | None, direction: Array
@@ -54,17 +62,17 @@ class Surfaces:
         u = take(hits.u, index)
         v = take(hits.v, index)
         wo = -take(direction, index)
-        corners = columns(self.tables.corners, prim)
+        corners = columns(self.corners, prim)
         p = interpolate(corners[:9], u, v)
         ng = corners[9:]
         facing = dot(ng, wo)
         ng = ng * np.copysign(np.float32(1), facing)  # on wo's side
         epsilon = take(self.epsilon, prim)
         p += ng * epsilon
-        uv = interpolate(columns(self.tables.uv, prim), u, v) if group.textured else None
+        uv = interpolate(columns(self.uv, prim), u, v) if group.textured else None
         n, cos_o = self._shading_normals(group, prim, u, v, uv, wo) if group.turns else (ng, np.abs(facing))
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
-        dpdu = columns(self.tables.tangents[0], prim) if group.anisotropic and group.tangent is None else group.tangent
+        dpdu = columns(self.tangents[0], prim) if group.anisotropic and group.tangent is None else group.tangent
         # parameters of one material without images are the same at all points
         lobes = group.lobes if row is None and uv is None else bind_lobes(group, row, uv)
         outside = facing > 0
@@ -84,10 +92,10 @@ class Surfaces:
         self, group: Group, prim: Index, u: Array, v: Array, uv: Array | None, wo: Array
     ) -> tuple[Array, Array]:
         """Return unit shading normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
-        n = interpolate(columns(self.tables.normals, prim), u, v)
+        n = interpolate(columns(self.normals, prim), u, v)
         if group.relief is not None and uv is not None:
-            dpdu, dpdv = (columns(tangent, prim) for tangent in self.tables.tangents)
-            n = normalise(n) * np.copysign(np.float32(1), dot(n, columns(self.tables.corners, prim)[9:]))  # outwards
+            dpdu, dpdv = (columns(tangent, prim) for tangent in self.tangents)
+            n = normalise(n) * np.copysign(np.float32(1), dot(n, columns(self.corners, prim)[9:]))  # outwards
             n = group.relief.normals(n, dpdu, dpdv, uv, group.smooth)
         cos_o = dot(n, wo)
         # normalise and turn towards wo in one multiplication
@@ -95,6 +103,68 @@ class Surfaces:
         n *= scale
         cos_o *= scale
         return n, cos_o
+
+    # Tables -----------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def corners(self) -> Array:
+        """Per triangle: first vertex, two edges, unit normal, as rows ``(T, 12)``, one gather per hit."""
+        rows = np.empty((sum(len(part.mesh.faces) for part in self.parts), 12), np.float32)
+        start = 0
+        for part in self.parts:
+            for block in row_blocks(len(part.mesh.faces), 2**14):  # in float64 they are large
+                a, b, c = (part.mesh.vertices[part.mesh.faces[block, k]] for k in range(3))
+                edge_u, edge_v = b - a, c - a
+                normal = np.cross(edge_u, edge_v)
+                normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+                np.concatenate([a, edge_u, edge_v, normal], axis=1, out=rows[start : start + len(a)])
+                start += len(a)
+        return rows
+
+    @cached_property
+    def normals(self) -> Array:
+        """Per triangle: normal of the first vertex and the differences of the others to it, ``(T, 9)``."""
+        rows = np.empty((len(self.corners), 3, 3), np.float32)
+        start = 0
+        for part in self.parts:
+            stop = start + len(part.mesh.faces)
+            if part.mesh.normals is None:
+                rows[start:stop] = self.corners[start:stop, None, 9:]
+            else:
+                rows[start:stop] = part.mesh.normals[part.mesh.faces]
+            start = stop
+        rows[:, 1:] -= rows[:, :1]
+        return rows.reshape(-1, 9)
+
+    @cached_property
+    def uv(self) -> Array:
+        """Per triangle: texture coordinates of the first vertex and the two differences, ``(T, 6)``.
+
+        A mesh without coordinates has (0,0), (1,0), (1,1) at the corners of each triangle, as in pbrt.
+        """
+        default = np.array([[0, 0], [1, 0], [1, 1]], np.float32)
+        rows = np.concatenate(
+            [
+                np.broadcast_to(default, (len(part.mesh.faces), 3, 2))
+                if part.mesh.uv is None
+                else part.mesh.uv[part.mesh.faces].astype(np.float32)
+                for part in self.parts
+            ]
+        )
+        rows[:, 1:] -= rows[:, :1]
+        return rows.reshape(-1, 6)
+
+    @cached_property
+    def tangents(self) -> tuple[Array, Array]:
+        """Per triangle: dp/du and dp/dv, ``(T, 3)`` each; the first edge and across it for degenerate coordinates."""
+        du1, dv1, du2, dv2 = self.uv[:, 2:].T[:, :, None]
+        edge_u, edge_v = self.corners[:, 3:6], self.corners[:, 6:9]
+        determinant = du1 * dv2 - du2 * dv1
+        degenerate = np.abs(determinant) < 1e-20
+        divisor = np.where(degenerate, 1, determinant)
+        dpdu = np.where(degenerate, edge_u, (dv2 * edge_u - dv1 * edge_v) / divisor)
+        across = np.cross(self.corners[:, 9:], dpdu)
+        return dpdu, np.where(degenerate, across, (du1 * edge_v - du2 * edge_u) / divisor)
 
 
 def interpolate(rows: Array, u: Array, v: Array) -> Array:

@@ -9,7 +9,7 @@ from dmis.geometry.refinement import MAX_DIAGONALS, SMALL_RATIO, bodies, diagona
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.scene.groups import Part
-from dmis.scene.ray_offsets import RAY_OFFSET
+from dmis.scene.rescale import RAY_OFFSET
 from dmis.scene.scene import Scene, SceneWarning
 from dmis.testing.scenes import FLOOR
 

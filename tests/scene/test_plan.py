@@ -112,10 +112,10 @@ def test_tables_that_nothing_needs_are_not_built(table: str) -> None:
     plain, needs = box_scene(matte(GREY)), {"normals": Part(sphere(0.2, segments=16), matte())}
     needs |= {"uv": Part(FLOOR, matte(CHECKS)), "tangents": Part(FLOOR, ggx(alpha=0.1, alpha_v=0.2))}
     tile_of(plain)
-    assert table not in vars(plain.tables)
+    assert table not in vars(plain.surfaces)
     other = replace(plain, parts=(needs[table],))
     other.prepare()
-    assert table in vars(other.tables)
+    assert table in vars(other.surfaces)
 
 
 def test_black_surfaces_end_paths(monkeypatch: pytest.MonkeyPatch) -> None:
