@@ -19,7 +19,7 @@ from dmis.fit.fixed import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Round
 from dmis.fit.rule import Rule, merge_settings, next_round, rule_text
-from dmis.pipeline.statistic import patch_sums
+from dmis.pipeline.tile import patch_sums
 from dmis.variance.moments import Film, Moments
 
 AnyRule = Rule | str | Callable[[Mapping[float, SampleTable]], Any]

@@ -208,7 +208,6 @@ class SampleAllocation:
         pixels: int,
         settings: Settings,
         numbers: Numbers,
-        *,
         spp: Array | int = 0,
         begin: Array | int = 0,
         tilt: Array | None = None,

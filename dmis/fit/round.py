@@ -201,7 +201,7 @@ class Fit:
     weight
         Shares of samples, in the form that suits the rule. Of two techniques the share of the first, light sampling:
         ``(H, W)``, or one number for the whole image. Of any K techniques all shares: ``(K, H, W)``, or ``(K,)`` for
-        the whole image. `shares` are those of all techniques, whichever the form.
+        the whole image.
     samples
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
@@ -211,11 +211,6 @@ class Fit:
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
-
-    @property
-    def shares(self) -> Array:
-        """Shares of all K techniques, ``(K, H, W)``, or ``(K,)`` for the whole image; float32."""
-        return shares_of(self.weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +273,7 @@ class Budget:
         check_fit(fit, self.shape, len(techniques or self.settings.techniques))
         if not 0 <= spent < self.spp:
             raise ValueError(f"spent must be from 0 to {self.spp - 1}, so that a final pass is left; got {spent}")
-        shares, spp = fit.shares, self.spp - spent
+        shares, spp = shares_of(fit.weight), self.spp - spent
         share_range = combiner_by_name(self.settings.combiner).share_range
         if share_range != (0, 1):
             shares = shares_of(np.clip(shares[0], *share_range))
@@ -333,7 +328,7 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
             f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
             f"for each pixel (height, width); got {weight.shape}"
         )
-    _checked_shares("a rule's weight", fit.shares, techniques, shape)
+    _checked_shares("a rule's weight", shares_of(fit.weight), techniques, shape)
     if fit.samples is None:
         return
     samples = np.asarray(fit.samples)

@@ -239,11 +239,7 @@ def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
 
 
 def check_settings(rule: Rule, text: str, settings: Settings) -> None:
-    """Raise a ValueError if the pilot of a rule is not right, or it cannot render with settings.
-
-    A rule with a statistic learns from the densities of all techniques, unless it is for any number of these; and from
-    pairs of samples at fixed shares.
-    """
+    """Raise a ValueError if the pilot of a rule is not right, or it cannot render with settings."""
     check_weigh(rule.weigh or settings.weigh, settings.combiner)
     for weight, n in rule.pilot.items():
         whole(f"samples of the pilot of rule {text} at {weight!r}", n, 1)
@@ -255,8 +251,17 @@ def check_settings(rule: Rule, text: str, settings: Settings) -> None:
             f"rule {text} needs two techniques; got {len(names)}: {', '.join(names)}. "
             f"Use rule fixed:{'=...,'.join(names)}=... with a share of each"
         )
-    if rule.statistic is None:
-        return
+    if rule.statistic is not None:
+        _check_statistic(rule, text, settings)
+
+
+def _check_statistic(rule: Rule, text: str, settings: Settings) -> None:
+    """Raise a ValueError if the statistic of a rule cannot be gathered with settings.
+
+    It is of the densities of all techniques, unless the rule is for any number of these; and of pairs of samples at
+    fixed shares.
+    """
+    names = settings.techniques
     without = [repr(name) for name in names if not technique_by_name(name).exact]
     if without and not rule.multi_technique:
         raise ValueError(

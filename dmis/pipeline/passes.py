@@ -15,7 +15,7 @@ import numpy as np
 
 from dmis.base.malloc import LARGE_IMAGE, release
 from dmis.base.vectors import Array
-from dmis.base.window import Window, overlap
+from dmis.base.window import overlap
 from dmis.fit.round import Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
@@ -111,21 +111,22 @@ class Passes:
             techniques=round_.mixture,
             budget=job.spp,
         )
-        window = job.window or (0, 0, width, height)
         tiles = make_tiles(job.scene.camera.resolution, job.seed, self._rounds, round_)
-        tiles = [tile for tile in tiles if overlap(tile.area, window)]
-        self._render_tiles(tiles, round_, film, window)
+        if job.window is not None:
+            tiles = [tile for tile in tiles if overlap(tile.area, job.window)]
+        self._render_tiles(tiles, round_, film)
         self._rounds += 1
         self._release()
         self.rays.update(film.rays)
         self.pilot_rays.update(film.rays if round_.stage == "pilot" else {})
-        film = replace(film, features=self._features(round_))
+        if round_.needs_features:
+            film = replace(film, features=self._features(round_.needs_features == "pixels"))
         film.lock()
         self.seconds[round_.stage] += time.perf_counter() - began
         return film
 
-    def _render_tiles(self, tiles: list[Tile], round_: Round, film: Film, window: Window) -> None:
-        """Merge all tiles into the film of a window: those of a checkpoint, then the others, the largest first.
+    def _render_tiles(self, tiles: list[Tile], round_: Round, film: Film) -> None:
+        """Merge all tiles into the film: those of a checkpoint, then the others, the largest first.
 
         So none is waited for at the end.
         """
@@ -134,7 +135,7 @@ class Passes:
         stage, finished = round_.stage, self._samples
         for number, part in self._store.finished_tiles(self._rounds) if self._store else ():
             if tile := by_number.pop(number, None):
-                _merge(film, part, tile, window, round_.before)
+                self._merge(film, part, tile, round_.before)
                 finished += tile.camera_samples
         missing = list(by_number.values())
         self._samples += sum(tile.camera_samples for tile in tiles)
@@ -146,25 +147,23 @@ class Passes:
                 self.worker_seconds += part.worker_seconds
                 if self._store:
                     self._store.append(tile, part)
-                _merge(film, part, tile, window, round_.before)
+                self._merge(film, part, tile, round_.before)
                 finished += tile.camera_samples
                 if self._progress:
                     self._progress(stage, finished, total)
 
-    def _features(self, round_: Round) -> Mapping[str, Array]:
-        """Return the feature buffers of the patches or pixels of the scene, if the round needs them."""
-        if not round_.needs_features:
-            return {}
-        render = render_pixel_features if round_.needs_features == "pixels" else render_feature_buffers
+    def _features(self, of_pixels: bool) -> Mapping[str, Array]:
+        """Return the feature buffers of the pixels or patches of the scene."""
+        render = render_pixel_features if of_pixels else render_feature_buffers
         features, rays = render(self._job.given_scene)
         self.rays["guide"] += rays
         self._release()
         return features
 
-
-def _merge(film: Film, part: Film, tile: Tile, window: Window, before: Film | None) -> None:
-    """Merge the film of a tile into that of a window of the image, as far as it is in it."""
-    common = overlap(tile.area, window)
-    assert common is not None
-    inside, place = common
-    film.merge(part.of_area(inside), place, before)
+    def _merge(self, film: Film, part: Film, tile: Tile, before: Film | None) -> None:
+        """Merge the film of a tile into that of the image, or of a window as far as the tile is in it."""
+        place = tile.area
+        if self._job.window is not None and (common := overlap(tile.area, self._job.window)):
+            inside, place = common
+            part = part.of_area(inside)
+        film.merge(part, place, before)

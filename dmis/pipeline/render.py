@@ -88,7 +88,7 @@ def render_job(
 
     Parameters and errors are those of `render`.
     """
-    image: list[tuple[Film, int]] = []
+    image: list[tuple[Film, int]] = []  # and weights
     bar, began = reporting(progress) if progress else nullcontext(), time.perf_counter()
     with bar as report, Passes(job, parallel, report, checkpoint) as passes:
         rounds, film = stop.rounds(job) if stop else job.rule.rounds(job.budget), None
@@ -96,9 +96,8 @@ def render_job(
             final, film = requested, None  # its statistics are large
             film = passes.render(final)  # samples
             if final.image_weight:
-                if final.before is not None:  # its samples are in the film, too
-                    image = [part for part in image if part[0].mean is not final.before.mean]
-                image.append((film.moments, final.image_weight))
+                earlier = final.before and final.before.mean  # its samples are in the film, too
+                image = [*(part for part in image if part[0].mean is not earlier), (film.moments, final.image_weight)]
     if not image:
         raise ValueError(f"rule {job.rule_text} must yield a Round with an image_weight; got none")
     image.reverse()  # the final film first, whose arrays the average overwrites

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Event
 
 import numpy as np
 
-from dmis.base.patches import PATCH
-from dmis.base.plugins import guarded
+from dmis.base.patches import PATCH, by_colour, patch_sum, pixels_apart
+from dmis.base.plugins import checked, guarded, is_shipped
 from dmis.base.vectors import Array, indices
-from dmis.estimator.allocation import SampleAllocation, sample_batches, values_of_blocks
+from dmis.estimator.allocation import SampleAllocation, SampleBlock, sample_batches, values_of_blocks
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.records import Records
+from dmis.estimator.records import PIXEL_SUMS, Record, Records, Statistic, Wants, wants_of
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import checked_technique
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import CountingCaster, RayCaster
-from dmis.pipeline.statistic import TileStatistic
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Numbers, is_sequence, stream
 from dmis.scene.scene import Scene
@@ -86,7 +86,10 @@ class Tile:
         pixels = (rows[:, None] * width + columns).reshape(-1)
         stops = np.unique(self.round.spp + self.round.begin).tolist()
         block = PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples)
-        return Numbers(guarded(f"sampler {settings.sampler}", SAMPLERS[settings.sampler])(block), rng)
+        sampler = SAMPLERS[settings.sampler]
+        if not is_shipped(sampler):
+            sampler = guarded(f"sampler {settings.sampler}", sampler)
+        return Numbers(sampler(block), rng)
 
     def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
         """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""
@@ -165,21 +168,14 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     moments = SubBlocks(round_.spp, tile.pixels) if in_blocks else PixelMoments(tile.pixels)
     shading_samples = round_.settings.shading_samples
     collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))
-    statistic = None if round_.statistic is None else TileStatistic(round_, tile.shape)
+    statistic = None if round_.statistic is None else TileStatistic(tile, round_.statistic)
     counting = CountingCaster(caster or scene.intersector, None if statistic is None else statistic.pixel_sums, stop)
     covered = _covered_pixels(scene, tile)
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[tile.area])
     for pixels, spp, shares, settings in tile.groups():
         numbers = tile.numbers(settings, scene.camera.resolution[0], rng)
         allocation = SampleAllocation(
-            shares,
-            tile.pixels,
-            settings,
-            numbers,
-            spp=round_.spp,
-            begin=round_.begin,
-            tilt=round_.tilt,
-            halvings=round_.halvings,
+            shares, tile.pixels, settings, numbers, round_.spp, round_.begin, round_.tilt, round_.halvings
         )
         for blocks in sample_batches(spp, pixels, batch_size(settings)):
             # n_1 of the S shading samples of a camera sample to the first technique, w S on average
@@ -208,10 +204,73 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     total = moments.total()
     if collector is not None:
         total = replace(total, mean=total.mean + collector.correction())
-    film = _film_of(total, tile)
-    return replace(
-        film, rays=counting.rays, sums=statistic.sums() if statistic else {}, embree_seconds=counting.seconds
-    )
+    sums = {} if statistic is None else statistic.sums()
+    return replace(_film_of(total, tile), rays=counting.rays, sums=sums, embree_seconds=counting.seconds)
+
+
+class TileStatistic:
+    """The statistic of a round, made for the pixels of a tile that have samples.
+
+    Attributes
+    ----------
+    wants
+        What the statistic wants.
+    pixel_sums
+        Closest hits, occlusion rays, and squared samples of each pixel, ``(3, P)``, those of halved lights left out;
+        None: the statistic does not want them.
+    """
+
+    def __init__(self, tile: Tile, make: Callable[[int, int], Statistic]) -> None:
+        self._shape = tile.shape
+        self._observed = np.flatnonzero(np.broadcast_to(tile.round.spp, tile.pixels))
+        # without the shading samples of `Round.patterns`
+        statistic = guarded("", make)(len(self._observed), tile.round.settings.shading_samples)
+        self._statistic: Statistic = checked(statistic, {"add": None, "sums": None}, in_place=True)
+        self.wants = wants_of(self._statistic)
+        self.pixel_sums = np.zeros((3, tile.pixels)) if self.wants.pixel_sums else None
+
+    def add(self, blocks: Sequence[SampleBlock], values: Array, records: Sequence[Record]) -> None:
+        """Add the radiance ``(3, N)`` of the camera samples of one batch, and the records of their shading samples."""
+        self._statistic.add(records, values, blocks[0].count)
+        if self.pixel_sums is not None:
+            for block, of_block in values_of_blocks(blocks, values):
+                squares = np.square(of_block).mean(axis=0)
+                self.pixel_sums[2, block.pixels] += squares.sum(axis=0, dtype=np.float64)
+
+    def sums(self) -> dict[str, Array]:
+        """Return the sums of the statistic over the patches, and the rays of their pixels if it wants them.
+
+        A ValueError unless sums of a statistic that is not shipped are finite, one for each pixel with samples.
+        """
+        sums = dict(self._statistic.sums())
+        count = len(self._observed)
+        if not is_shipped(type(self._statistic)):
+            for name, values in sums.items():
+                if np.shape(values)[-1:] != (count,) or not np.isfinite(values).all():
+                    must = f"of shape (..., {count}) and finite, one for each pixel"
+                    call = f"{type(self._statistic).__name__}.sums"
+                    raise ValueError(f"{call}: {name} must be {must}; got shape {np.shape(values)}")
+        if count < math.prod(self._shape):
+            sums = {name: self._spread(values) for name, values in sums.items()}
+        if self.pixel_sums is not None:
+            sums |= dict(zip(PIXEL_SUMS, self.pixel_sums, strict=True))
+        return patch_sums(sums, self._shape, self.wants)
+
+    def _spread(self, values: Array) -> Array:
+        """Return values of the pixels with samples in their places, 0 elsewhere, ``(..., P)``."""
+        spread = np.zeros((*values.shape[:-1], math.prod(self._shape)), values.dtype)
+        spread[..., self._observed] = values
+        return spread
+
+
+def patch_sums(sums: Mapping[str, Array], shape: tuple[int, int], wants: Wants) -> dict[str, Array]:
+    """Return sums of pixels ``(..., P)``, by name, over the patches of an area, as a statistic wants them."""
+    images = {name: a.reshape(*a.shape[:-1], *shape) for name, a in sums.items()}
+    if wants.sums == "pixels":
+        return {name: pixels_apart(image) for name, image in images.items()}
+    if wants.sums == "colours":
+        images = {name: by_colour(image) for name, image in images.items()}
+    return {name: patch_sum(image, PATCH) for name, image in images.items()}
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:

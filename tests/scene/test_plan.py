@@ -36,7 +36,7 @@ from dmis.pipeline.tile import render_tile
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Part
 from dmis.scene.scene import Scene
-from dmis.scene.shading_points import ShadingPoints
+from dmis.scene.shading_points import ShadingPoints, Surfaces
 from dmis.scene.suggestions import Suggestions
 from dmis.testing.scenes import FLOOR, box_scene
 
@@ -148,13 +148,13 @@ def test_lamps_that_paths_may_not_see_are_not_looked_at(monkeypatch: pytest.Monk
     """Behind surfaces that all scatter, a lamp is what a ray ends at, and no more: its surface is for the camera."""
     shape = Part(quad(LAMP.corner, LAMP.edge_u, LAMP.edge_v), Material(()), LAMP)
     looked: list[int] = []
-    surface = Scene.shading_points
+    surface = Surfaces.shading_points
 
-    def counted(scene: Scene, group: Any, hits: Hits, *rest: Any) -> Any:
+    def counted(surfaces: Surfaces, group: Any, hits: Hits, *rest: Any) -> Any:
         looked.append(group.emission is not None)
-        return surface(scene, group, hits, *rest)
+        return surface(surfaces, group, hits, *rest)
 
-    monkeypatch.setattr(Scene, "shading_points", counted)
+    monkeypatch.setattr(Surfaces, "shading_points", counted)
     for material, times in ((matte(0.5), 0), (Material((Lambert(0.3), mirror(0.5).lobes[0])), 1)):
         looked.clear()
         scene = box_scene(material, (LAMP,), (shape,), eye=(0, -1, 1))  # which sees the floor alone
