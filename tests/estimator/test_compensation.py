@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, means, pickled, tile_of, z_score
+from helpers import Z_LIMIT, means, pickled, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -84,12 +84,6 @@ def test_tables_are_made_once_and_texels_shared(monkeypatch: pytest.MonkeyPatch)
         assert each.compensated(0.9)._data[0] is each._data[0]
 
 
-def test_processes_get_the_same_bits() -> None:
-    scene = sky_scene()
-    before = tile_of(scene, compensation=0.9)[0]
-    assert np.array_equal(tile_of(pickled(scene), compensation=0.9)[0], before)
-
-
 def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
     assert box.plan.sampled_lights("all", 0.9) == box.plan.sampled
     assert np.array_equal(image(box, compensation=0.9), image(box))
@@ -101,22 +95,17 @@ def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
     ("rule", "settings", "expected"),
     [
         ("balance", {}, COMPENSATION),
-        ("fixed:0.25", {}, COMPENSATION),
-        ("pbrt", {}, COMPENSATION),
         ("fixed:1", {}, 0.0),
         ("fixed:light=1,brdf=0", {}, 0.0),
         ("thesis:patch=4", {}, 0.0),
-        ("second-moment", {}, COMPENSATION),
         ("auto", {}, COMPENSATION),
         ("auto", {"compensation": 0}, 0.0),
         ("auto", {"compensation": 0.5}, 0.5),
         ("auto:compensation=0", {}, 0.0),
-        ("second-moment:compensation=0.5", {}, 0.5),
         ("balance:compensation=0.9", {}, 0.9),
         ("fixed:light=0.5,brdf=0.5,compensation=0.5", {}, 0.5),
         ("thesis:patch=4", {"compensation": 0.5}, 0.5),
         ("auto", {"preset": "thesis"}, 0.0),
-        ("balance", {"preset": "thesis"}, 0.0),
     ],
 )
 def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: float) -> None:
@@ -130,9 +119,6 @@ def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: f
     [
         ("auto:compensation=0.5", {"compensation": 0.3}, 'Write rule="auto:compensation=0.3"'),
         ("auto:compensation=0.5", {"preset": "thesis"}, "preset thesis has compensation 0.0; got 0.5"),
-        ("balance", {"preset": "thesis", "compensation": 0.5}, "preset thesis has compensation 0.0; got 0.5"),
-        ("auto:compensation", {}, "needs a value, of type float: auto:compensation=..."),
-        ("auto:compensation=much", {}, "compensation of rule auto must be of type float; got 'much'"),
         ("auto:compensation=1", {}, "compensation must be .* less than 1.*; got 1.0"),
         ("balance", {"compensation": "0.5"}, "compensation must be .* less than 1.*; got '0.5'"),
         ("balance", {"compensation": float("nan")}, "compensation must be .* less than 1.*; got nan"),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers import Z_LIMIT, images_z_score, mean_and_error, tile_of
 
-from dmis import render
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, glass, matte, metal, mirror, plastic, substrate
 from dmis.geometry.shapes import quad, sphere
@@ -131,19 +130,6 @@ def test_all_ways_agree(name: str, way: str) -> None:
     assert abs(images_z_score(images(name, range(8), **WAYS[way]), balanced(name))) < Z_LIMIT
 
 
-def test_two_techniques_alone_agree_pixel_by_pixel() -> None:
-    """Light and BRDF sampling alone: a z-test in each of 256 pixels, with Šidák's level over the pixels."""
-    scene = SCENES["quad on glossy"]
-    images = [np.stack([tile_of(scene, seed, 32, w)[0].mean(axis=2) for seed in range(60)]) for w in (0.0, 1.0)]
-    a, b = (image.mean(axis=0) for image in images)
-    error2 = sum(image.var(axis=0, ddof=1) / 60 for image in images)
-    # where a cosine sample in ten thousand meets the lamp, 60 means are far from normal: only lit pixels are compared
-    lit = b > 0.02 * b.max()
-    assert lit.sum() > 100
-    # skewed means are normal near the middle only: 6 is past Šidák's 5.3 for 256 pixels
-    assert np.abs((a - b)[lit] / np.sqrt(error2[lit])).max() < 6
-
-
 # Mirrors and emission -----------------------------------------------------------------------------------------------
 
 
@@ -253,17 +239,6 @@ def test_directions_that_miss_the_light_cost_no_ray() -> None:
     scene = box_scene(matte(0.5), (DiskLight((0, 0, 5), (0, 0, -1), 0.1, (9, 9, 9)),), fov=20)
     rays = tile_of(scene, spp=64, w=0.0)[1]
     assert 0 < rays["brdf"] < 0.01 * rays["camera"]
-
-
-@pytest.mark.parametrize("rule", ["balance", "fixed:0.25", "thesis", "one-sample"])
-@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol"])
-def test_threads_do_not_matter(rule: str, sampler: str) -> None:
-    """One thread or two: bit-identical images, weights and ray counts. The image is four tiles."""
-    scene = box_scene(plastic(), (LAMP,), (BALL,), resolution=(40, 36))
-    one, two = (render(scene, rule, 20, seed=3, sampler=sampler, parallel=n) for n in (1, 2))
-    np.testing.assert_array_equal(one.image, two.image)
-    np.testing.assert_array_equal(one.weight, two.weight)
-    assert one.rays == two.rays
 
 
 @pytest.mark.parametrize("points", [1, 7, 300])

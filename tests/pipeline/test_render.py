@@ -71,19 +71,6 @@ def test_tiles_have_the_maps_of_their_pixels():
         assert (row.spp, row.shares.tolist()) == (4, [[0.2], [0.3], [0.5]])
 
 
-def test_crop_is_a_part_of_the_image(box):
-    """Pixels of a crop have the same means as those of the whole image: |z| of their average below 4."""
-    crop = box.crop((8, 4, 25, 20))
-    assert crop.camera.resolution == (17, 16) and crop.intersector is box.intersector
-    part, whole = (
-        dmis.render(scene, "balance", 256, seed=seed, sampler="independent") for seed, scene in ((1, crop), (2, box))
-    )
-    inside = slice(4, 20), slice(8, 25)
-    z = (part.image - whole.image[inside]) / np.sqrt(part.variance + whole.variance[inside] + 1e-12)
-    assert abs(z.mean()) * np.sqrt(z.size / 3) < 4 and z.std() < 1.2
-    assert dmis.render(box, "balance", 1).provenance["scene_hash"] != part.provenance["scene_hash"]
-
-
 @pytest.mark.parametrize(
     ("integrator", "rule", "options"),
     [
@@ -120,6 +107,8 @@ def test_window_is_an_image_of_its_own_to_rules_that_learn(box):
     crop = box.crop((0, 0, 8, 12))
     result = dmis.render(crop, "thesis", 16)
     assert "an image of its own" in result.provenance["window"] and result.rays["camera"] <= 16 * 12 * 8
+    assert crop.intersector is box.intersector
+    assert result.provenance["scene_hash"] != dmis.render(box, "balance", 1).provenance["scene_hash"]
     alone = dmis.render(replace(crop, camera=replace(crop.camera, frame=None, corner=(0, 0))), "balance", 1)
     assert "window" not in alone.provenance
     job = resolve(crop, "balance", 4, 0, make_settings()).alone
@@ -273,17 +262,13 @@ def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
     ("options", "message"),
     [
         ({"spp": 0}, "spp must be a whole number from 1 to 1048576; got 0"),
-        ({"spp": 2.5}, "spp must be a whole number"),
         ({"spp": 2**21}, "to 1048576; got 2097152"),
-        ({"spp": np.nan}, "spp must be a whole number .*; got nan"),
         ({"spp": "8", "rule": None}, "spp must be a whole number .*; got '8'"),
-        ({"spp": [8]}, r"spp must be a whole number .*; got \[8\]"),
         ({"rule": "thesis", "spp": 6}, "more than the pilot's 6 camera samples"),
         ({"seed": -1}, "seed must be a whole number of at least 0; got -1"),
-        ({"seed": 1.5}, "seed must be"),
-        ({"seed": np.nan}, "seed must be a whole number of at least 0; got nan"),
+        ({"shading_samples": "2"}, "shading_samples must be a whole number from 1 to 100; got '2'"),
+        ({"reuse_pilot": "no"}, "reuse_pilot must be True or False or None; got 'no'"),
         ({"sampler": "halton"}, "sampler must be auto or independent or"),
-        ({"shading_sample": 4}, "options must be among shading_samples, techniques, .*; got shading_sample"),
         ({"threads": 4}, "options must be among .*; got threads. Write parallel="),
         ({"settings": "path"}, "settings must be a dmis.Settings or None; got 'path'"),
         ({"rule": 3}, "rule must be a rule, or text such as thesis:patch=16; got 3"),
@@ -292,14 +277,10 @@ def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
         ({"rule": "thesis:pach=4"}, r"rule thesis has the options .*; got 'pach', did you mean 'patch'\?"),
         ({"rule": "thesis:patch"}, "option patch of rule thesis needs a value, of type int or auto: thesis:patch="),
         ({"rule": "thesis:reuse"}, "option reuse of rule thesis needs a value, yes or no: thesis:reuse="),
-        ({"rule": "thesis:patch=4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
         ({"rule": "thesis:4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
         ({"shading_sample": 4}, r"got shading_sample, did you mean 'shading_samples'\?"),
         ({"rule": "auto", "spp": 32, "shading_samples": 3}, "even for rule auto,.*; got 3. Use 4, or rule thesis"),
-        ({"rule": "counts", "spp": 32, "shading_samples": 3}, "shading_samples must be even for rule counts"),
         ({"rule": "second-moment", "spp": 32, "shading_samples": 3}, "shading_samples must be even"),
-        ({"rule": "auto", "spp": 32, "shading_samples": 1}, "even for rule auto,.*; got 1. Use 2, or rule thesis"),
-        ({"combiner": 3}, "combiner must be one of balance, .*; got '3'"),
         ({"combiner": ["power"]}, r"combiner must be one of balance, .*; got .\['power'\]"),
         (
             {"progress": 5},
@@ -352,39 +333,14 @@ def test_numbers_of_numpy_become_pythons(box, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"shading_samples": 1.5}, "shading_samples must be a whole number from 1 to 100; got 1.5"),
-        ({"shading_samples": "2"}, "shading_samples must be a whole number from 1 to 100; got '2'"),
-        ({"reuse_pilot": "no"}, "reuse_pilot must be True or False or None; got 'no'"),
-    ],
-)
-def test_bad_settings(options, message):
-    """Where they are made, not where they are used."""
-    with pytest.raises(ValueError, match=message):
-        dmis.Settings(**options)
-
-
-def test_a_rule_may_carry_its_sampler_and_combiner(box):
-    """`balance:sampler=stratified,combiner=power` is the same as asking for them in the settings."""
-    carried = dmis.render(box, "balance:sampler=stratified,combiner=power", 8, seed=1)
-    settings = dmis.Settings(sampler="stratified", combiner="power")
-    assert same(carried, dmis.render(box, "pbrt", 8, seed=1, settings=settings))
-    assert not same(carried, dmis.render(box, "pbrt", 8, seed=1))
-
-
-@pytest.mark.parametrize(
     "fit, message",
     [
         (Fit(1.5), "weight must be in .0, 1., a share of the samples; got 1.5$"),
-        (Fit(np.nan), "got nan"),
         (Fit(np.where(np.arange(32) < 8, np.nan, 0.5) * np.ones((24, 1))), "got nan in 192 of 768 pixels"),
         (Fit(np.full((23, 32), 0.5)), r"weight must be of shape \(\), \(24, 32\), "),
-        (Fit(np.full((24, 32, 3), 0.5)), "got .24, 32, 3."),
         (Fit(np.full((3, 24, 32), 1 / 3)), r"\(24, 32\), \(2,\) or \(2, 24, 32\), .*got .3, 24, 32."),
         (Fit((0.5, 0.4)), "must add up to 1 over the techniques, .*; got sums from 0.9 to 0.9"),
         (Fit(0.5, samples=np.zeros((24, 32))), "samples must be positive, finite, and of shape"),
-        (Fit(0.5, samples=np.full((24, 32), np.inf)), "from inf to inf"),
         (None, "must be a dmis.Fit; got NoneType"),
     ],
 )

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from brute_force import BruteForce
 from helpers import Z_LIMIT, pickled
 
 import dmis
@@ -104,15 +103,6 @@ def test_hole_that_is_met_again_is_passed():
     scene = dmis.Scene(box_scene().camera, (sheet,), (dmis.EnvironmentLight(1),))
     hits = scene.intersector.closest(origin, direction)
     assert abs((hits.prim < 0).mean() - 0.5) < Z_LIMIT * np.sqrt(0.25 / len(hits.prim))
-
-
-def test_brute_force_sees_the_same_holes():
-    scene = board()
-    meshes = [part.mesh for part in scene.parts]  # of which the last one has the mask
-    casters = (BruteForce(one.vertices, one.faces) for one in (concatenate(meshes), concatenate(meshes[:-1])))
-    brute = MaskedCaster(*casters, scene.parts, scene.intersector._uv)
-    a, b = (caster.closest(*rays(500)) for caster in (scene.intersector, brute))
-    assert (~np.isclose(a.distance, b.distance, rtol=1e-4, atol=1e-5)).sum() <= 1
 
 
 def z_of(a, b):

@@ -316,28 +316,12 @@ def test_surfaces_that_are_black_are_not_seen() -> None:
 # Which integrator ---------------------------------------------------------------------------------------------------
 
 
-def room() -> Scene:
-    """A closed room of white walls."""
-    camera = Camera.look_at((0, -1.5, 1), (0, 0, 1), fov=60, resolution=(32, 24))
-    sides = [
-        ((-2, -2, 0), (0, 4, 0), (4, 0, 0)),
-        ((-2, -2, 2.5), (4, 0, 0), (0, 4, 0)),
-        ((-2, 2, 0), (4, 0, 0), (0, 0, 2.5)),
-    ]
-    sides += [
-        ((-2, -2, 0), (0, 4, 0), (0, 0, 2.5)),
-        ((2, -2, 0), (0, 4, 0), (0, 0, 2.5)),
-        ((-2, -2, 0), (4, 0, 0), (0, 0, 2.5)),
-    ]
-    return Scene(camera, tuple(Part(quad(*side), matte(0.8)) for side in sides), (PointLight((0, 0, 2), (1, 1, 1)),))
-
-
 def test_default_integrator() -> None:
     """A scene made in Python is rendered by direct lighting, unless it or the settings name another integrator."""
-    closed = room()
-    assert "integrator: direct, max_depth 5, the default, because the scene names none" in closed.describe()
-    assert "bounce 1" not in dmis.render(closed, "balance", 2, parallel=1).rays
-    paths = replace(closed, suggested=Suggestions("path", 3))
+    corner = box_scene(extra=(Part(quad((-4, 1, 0), (8, 0, 0), (0, 0, 4)), matte(0.8)),))
+    assert "integrator: direct, max_depth 5, the default, because the scene names none" in corner.describe()
+    assert "bounce 1" not in dmis.render(corner, "balance", 2, parallel=1).rays
+    paths = replace(corner, suggested=Suggestions("path", 3))
     assert "integrator: path, max_depth 3, the scene's" in paths.describe()
     result = dmis.render(paths, "balance", 2, parallel=1)
     assert result.provenance["settings"]["integrator"] == "path" and result.rays["bounce 2"] > 0

@@ -63,14 +63,6 @@ def test_empty_subset() -> None:
     assert wi.shape == (3, 0) and part.pdf(Directions(part, wi)).shape == (0,)
 
 
-def test_unknown_attribute() -> None:
-    """A name that does not exist is an AttributeError, on surfaces and subsets."""
-    whole = random_surface(3)
-    for points in (whole, whole.take(np.array([0]))):
-        with pytest.raises(AttributeError):
-            _ = points.nothing
-
-
 def test_tangents_are_orthonormal_with_s_along_dpdu() -> None:
     """``s`` is dp/du without its normal part, ``t = n x s``; a few float32 roundings."""
     points = random_surface(200)
