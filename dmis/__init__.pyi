@@ -72,7 +72,6 @@ from dmis.pipeline.executor import Processes as Processes
 from dmis.pipeline.render import render as render
 from dmis.pipeline.result import Result as Result
 from dmis.pipeline.result import average as average
-from dmis.pipeline.result import find_fireflies as find_fireflies
 from dmis.pipeline.result import write_image as write_image
 from dmis.report.compare import compare as compare
 from dmis.report.comparer import show as show
@@ -88,6 +87,7 @@ from dmis.testing.lobe_checks import check_lobe as check_lobe
 from dmis.testing.rule_checks import check_rule as check_rule
 from dmis.testing.sampler_checks import check_sampler as check_sampler
 from dmis.testing.technique_checks import check_technique as check_technique
+from dmis.variance.fireflies import find_fireflies as find_fireflies
 from dmis.variance.gather import Gather as Gather
 
 __version__: str

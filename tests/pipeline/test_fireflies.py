@@ -8,7 +8,7 @@ import pytest
 
 import dmis
 from dmis.cli.commands import main
-from dmis.pipeline.result import find_fireflies
+from dmis.variance.fireflies import find_fireflies
 from dmis.variance.moments import Moments
 
 
