@@ -26,7 +26,6 @@ from dmis.fit.sample_numbers import LEVELS
 from dmis.image import MAX_PIXELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
-from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene, SceneWarning
 
 DEFAULT_SPP = 128
@@ -35,12 +34,6 @@ MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
 FIRST_SPP = 32
 """Camera samples per pixel of a rule's own rounds where the last one is doubled, see `dmis.pipeline.stopping`."""
-OF_WHOLE = "the same pixels as in the whole image"
-"""Value of ``window`` in the provenance of a window whose pixels have the bits of the whole image."""
-OWN_IMAGE = "an image of its own to this rule; fixed shares, as of balance, give the pixels of the whole image"
-"""Value of ``window`` in the provenance of another window."""
-NOTHING_TO_MIX = "no light has two techniques: no pilot, equal shares"
-"""Value of ``nothing_to_mix`` in the provenance of a render for which this is so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +58,7 @@ class Job:
     notes
         Why another rule than that of `rule_text` renders it (``nothing_to_mix`` or ``fallback``); a window's place.
     window
-        The part of the image of `scene` that is rendered, by all tiles that it touches, because random numbers of a
-        tile, such as those of Russian roulette, go to its samples in turn; None: all of it.
+        The part of the image of `scene` that is rendered; None: all of it.
     layers
         Makes layers, when the image is rendered, see `dmis.pipeline.image_layers`.
     """
@@ -152,7 +144,6 @@ def resolve(
     seed = whole("seed", seed, 0)
     float32_scene, gain = scene.in_float32
     _warn_if_dark(float32_scene)
-    # name the rule
     rule, objection = (rule, "") if rule is not None else default_rule(spp, settings)
     named, text = make_rule(rule), rule_text(rule)
     while spp < most and spp < max(named.least_spp, named.pilot_samples(spp) + 1):
@@ -160,7 +151,7 @@ def resolve(
     objection = objection or named.fallback(spp)
     notes = {"fallback": objection} if objection else {}
     if named.shares_only and not objection and not float32_scene.plan.mixable:
-        notes["nothing_to_mix"] = NOTHING_TO_MIX
+        notes["nothing_to_mix"] = "no light has two techniques: no pilot, equal shares"
     # fill what is open, of the settings and then of the rule; equal shares, if there is a reason
     filled, sources = merge_settings(settings, float32_scene, named, text, equal=bool(notes))
     used = (_equal_shares(filled) if notes else named).filled(filled)
@@ -171,23 +162,23 @@ def resolve(
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
     job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, sources, notes)
-    return job if scene.camera.frame is None else _of_window(job, scene.camera)
+    return job if scene.camera.frame is None else _of_window(job)
 
 
-def _of_window(job: Job, camera: Camera) -> Job:
-    """Return the job of a camera that shows a window: with the bits of the whole image, unless the rule learns.
+def _of_window(job: Job) -> Job:
+    """Return the job of a window: with the bits of the whole image, unless that is too large, or the rule learns.
 
-    A rule that learns has no films of the rest of the image; and the whole may be larger than an image may be. Then the
-    window is an image of its own. Notes are ``window``, `OF_WHOLE` or `OWN_IMAGE`; ``crop``, the window
-    (x0, y0, x1, y1); and ``frame``, width and height of the whole.
+    A rule that learns has no films of the rest. Of the others, all tiles that the window touches are rendered wholly,
+    because their samples take random numbers of a tile in turn. The notes say where it is, and in what image.
     """
+    camera = job.given_scene.camera
     frame = camera.frame or camera.resolution
-    (x0, y0), (width, height) = camera.corner, camera.resolution
-    window = (x0, y0, x0 + width, y0 + height)
-    notes = {**job.notes, "window": OF_WHOLE, "crop": list(window), "frame": list(frame)}
+    notes = {**job.notes, "crop": list(camera.window), "frame": list(frame)}
     if not isinstance(job.rule, Fixed) or math.prod(frame) > MAX_PIXELS:
-        return replace(job, notes={**notes, "window": OWN_IMAGE})
-    return replace(job, scene=job.scene.uncropped, window=window, notes=notes)
+        notes["window"] = "an image of its own to this rule; fixed shares, as of balance, give those of the whole image"
+        return replace(job, notes=notes)
+    notes["window"] = "the same pixels as in the whole image"
+    return replace(job, scene=job.scene.uncropped, window=camera.window, notes=notes)
 
 
 def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dmis.base.validate import FARTHEST, direction, number, one_of, pair, whole
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.base.window import window_area
+from dmis.base.window import Window, window_area
 from dmis.geometry import transforms
 from dmis.geometry.mesh import Mesh
 from dmis.image import check_size
@@ -94,6 +94,12 @@ class Camera:
         corner = self.corner[0] + of_columns.start, self.corner[1] + rows.start
         resolution = of_columns.stop - of_columns.start, rows.stop - rows.start
         return replace(self, resolution=resolution, corner=corner, frame=self.frame or self.resolution)
+
+    @property
+    def window(self) -> Window:
+        """The window of the larger image that this one shows, or of the whole."""
+        (x0, y0), (width, height) = self.corner, self.resolution
+        return x0, y0, x0 + width, y0 + height
 
     @property
     def uncropped(self) -> Camera:

@@ -28,7 +28,7 @@ from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import measure
 from dmis.filter import gaussian
 from dmis.fit.thesis import STATUS, parabola_minimum
-from dmis.variance.moments import Film, Moments
+from dmis.variance.moments import Moments
 
 QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
 SIDE, PATCH = (80, 4) if QUICK else (320, 8)
@@ -174,7 +174,7 @@ print(f"weight of light samples on average: {final.weight.mean():.2f}")
 # this, the code divides the difference of the two means by its standard error. This
 # quotient, z, is between -3 and 3 in 99.7 % of such tests.
 rule = f"thesis:patch={PATCH}"
-pilot = {w: Film.of(m) for w, m in zip(weights.tolist(), moments, strict=True)}
+pilot = dict(zip(weights.tolist(), moments, strict=True))
 fit = dmis.make_rule(rule).fit(pilot)
 print("same weights as the rule's:", np.array_equal(fit.weight, weight))
 result = dmis.render(scene, rule, 32, seed=7, sampler="independent")
