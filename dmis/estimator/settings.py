@@ -199,12 +199,9 @@ class Settings:
             check = _CHECKS.get(name) or partial(one_of, allowed=option.metadata["choices"])
             value = check(name, given[name]) if name in given else not_given(values.get(name, option.default))
             object.__setattr__(self, name, value)
-        check_mixture(self.combiner, tuple(map(technique_by_name, self.techniques)))
-        if combiner_by_name(self.combiner).fits_pixels and self.lights in ("one", "pbrt"):
-            raise ValueError(
-                f"combiner {self.combiner} cannot have lights {self.lights}, because its fit is over all samples of "
-                f"each light. Use lights all or power"
-            )
+        techniques = tuple(map(technique_by_name, self.techniques))
+        if not combiner_by_name(self.combiner).is_heuristic:
+            check_mixture(self.combiner, techniques, self.lights)
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
@@ -270,9 +267,14 @@ class Settings:
         return math.inf if self.max_depth is None else int(self.max_depth)
 
 
-def check_mixture(combiner: str, techniques: Sequence[Technique]) -> None:
-    """Raise a ValueError unless a combiner goes with the techniques: their number, and that their pdfs are known."""
+def check_mixture(combiner: str, techniques: Sequence[Technique], lights: str = "all") -> None:
+    """Raise a ValueError unless a combiner goes with the techniques: their number, their pdfs, and lights sampled."""
     checked = combiner_by_name(combiner)
+    if checked.fits_pixels and lights in ("one", "pbrt"):
+        raise ValueError(
+            f"combiner {combiner} cannot have lights {lights}, because its fit is over all samples of each light. Use "
+            f"lights all or power"
+        )
     if len(techniques) > 2 and not checked.is_heuristic:
         names = ", ".join(technique.name for technique in techniques)
         raise ValueError(f"combiner {combiner} needs two techniques; got {len(techniques)}: {names}")

@@ -250,8 +250,7 @@ class Scene:
         """
         for text in self._doubts:
             warnings.warn(SceneWarning(f"scene {self.name}: {text}"), stacklevel=3)
-        _ = self.intersector, self.covered_pixels
-        self.surfaces.prepare()
+        _ = self.intersector, self.covered_pixels, self.surfaces
 
     @cached_property
     def surfaces(self) -> Surfaces:

@@ -22,7 +22,8 @@ from dmis.scene.plan import Plan
 class Surfaces:
     """All surfaces of a scene: vertex attributes as rows per triangle, one gather per hit, and what is made of these.
 
-    Each table is built when it is first read, so a scene without textures never has texture coordinates.
+    Tables that the plan needs are built at once, others when they are first read: a scene without textures never has
+    texture coordinates.
 
     Attributes
     ----------
@@ -34,11 +35,8 @@ class Surfaces:
 
     def __init__(self, parts: tuple[Part, ...], plan: Plan, epsilon: Array) -> None:
         self.parts, self.plan, self.epsilon = parts, plan, epsilon
-
-    def prepare(self) -> None:
-        """Build the tables that `shading_points` reads."""
         _ = self.corners
-        for group in self.plan.groups:
+        for group in plan.groups:
             if group.turns:
                 _ = self.normals
             if group.textured:
