@@ -228,14 +228,26 @@ class SampleAllocation:
         pixel = np.concatenate([np.tile(block.pixels, block.count) for block in blocks])
         numbers = [np.arange(block.first, block.first + block.count).repeat(len(block.pixels)) for block in blocks]
         number = np.concatenate(numbers) + self._begin.take(pixel)
-        if self._counts is None:
-            return self._divided(pixel, number)
-        return self._with_shares(CameraSamples(pixel, number, self._shares, self._counts))
-
-    def _divided(self, pixel: np.ndarray, number: np.ndarray) -> CameraSamples:
-        """Return camera samples of different counts, in the order of these."""
-        s = self._settings.shading_samples
+        counts: tuple[np.ndarray | int, ...] | None = self._counts
         before: np.ndarray | None = None
+        order: np.ndarray | None = None
+        if counts is None:
+            divided, before, order = self._divide(pixel, number)
+            counts = tuple(n.take(order) for n in divided)
+            pixel, number = pixel.take(order), number.take(order)
+            before = None if before is None else before.take(order, axis=1)
+        subsets: LightSubsets | None = None
+        if self._halvings is not None:
+            within_round = number - self._begin.take(pixel)
+            subsets = LightSubsets(self._halvings.take(pixel, axis=1), within_round, self._spp.take(pixel))
+        shares, tilt = take(self._shares, pixel), take_optional(self._tilt, pixel)
+        return CameraSamples(pixel, number, shares, counts, before, tilt, subsets, order)
+
+    def _divide(
+        self, pixel: np.ndarray, number: np.ndarray
+    ) -> tuple[tuple[np.ndarray, ...], np.ndarray | None, np.ndarray]:
+        """Return counts, samples before, and the order of N camera samples, see `CameraSamples`."""
+        s, before = self._settings.shading_samples, None
         if self._settings.allocation == "random":
             counts = random_counts(self._shares, self._numbers.techniques(s, len(pixel)), pixel)
         else:
@@ -244,21 +256,7 @@ class SampleAllocation:
         first = counts[0]
         # few different numbers: this takes less time than a stable sort
         order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
-        if before is not None:
-            before = None if self._settings.sampler == "independent" else before.take(order, axis=1)
-        counts = tuple(n.take(order) for n in counts)
-        pixel, number = pixel.take(order), number.take(order)
-        return self._with_shares(CameraSamples(pixel, number, self._shares, counts, before, order=order))
-
-    def _with_shares(self, samples: CameraSamples) -> CameraSamples:
-        """Return camera samples with the shares of their pixels, and the subsets that sample each light."""
-        pixel, subsets = samples.pixel, None
-        if self._halvings is not None:
-            within_round = samples.number - self._begin.take(pixel)
-            subsets = LightSubsets(self._halvings.take(pixel, axis=1), within_round, self._spp.take(pixel))
-        return replace(
-            samples, shares=take(self._shares, pixel), tilt=take_optional(self._tilt, pixel), subsets=subsets
-        )
+        return counts, None if self._settings.sampler == "independent" else before, order
 
     def _sequence_numbers(self, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
         """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.

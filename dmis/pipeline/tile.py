@@ -161,26 +161,28 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     ValueError
         If a pixel is not finite.
     """
+    statistic = None if tile.round.statistic is None else TileStatistic(tile, tile.round.statistic)
+    covered = _covered_pixels(scene, tile)
+    size = batch_size(tile.round.settings)
+    y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[tile.area])
     tile = replace(tile, round=tile.round.in_row_order())
-    round_, rng = tile.round, stream(tile.seed, tile.pass_, tile.number)
-    techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
+    round_, shading_samples = tile.round, tile.round.settings.shading_samples
+    rng = stream(tile.seed, tile.pass_, tile.number)
     in_blocks = round_.halvings is not None or is_sequence(round_.settings.sampler)
     moments = SubBlocks(round_.spp, tile.pixels) if in_blocks else PixelMoments(tile.pixels)
-    shading_samples = round_.settings.shading_samples
+    techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
     collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))
-    statistic = None if round_.statistic is None else TileStatistic(tile, round_.statistic)
     counting = CountingCaster(caster or scene.intersector, None if statistic is None else statistic.pixel_sums, stop)
-    covered = _covered_pixels(scene, tile)
-    y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[tile.area])
     for pixels, spp, shares, settings in tile.groups():
         numbers = tile.numbers(settings, scene.camera.resolution[0], rng)
         allocation = SampleAllocation(
             shares, tile.pixels, settings, numbers, round_.spp, round_.begin, round_.tilt, round_.halvings
         )
-        for blocks in sample_batches(spp, pixels, batch_size(settings)):
+        for blocks in sample_batches(spp, pixels, size):
             # n_1 of the S shading samples of a camera sample to the first technique, w S on average
             samples = allocation.camera_samples(blocks)
             numbers.start(samples.pixel, samples.number)
+            rays = _camera_rays(scene, numbers, (x, y), samples.pixel)
             counting.start(samples.pixel)
             records = None if collector is None else Records()
             if statistic is not None and statistic.wants.records:
@@ -188,7 +190,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
             batch = Batch(scene, counting, settings, techniques, combiner, samples, numbers, records)
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))
-            values = radiance(batch, *_camera_rays(scene, numbers, (x, y), samples.pixel), may_see)
+            values = radiance(batch, *rays, may_see)
             if collector is not None:
                 first = np.broadcast_to(samples.counts[0], len(samples.pixel))
                 collector.add(records or [], samples.pixel, first, shading_samples)
@@ -222,7 +224,7 @@ class TileStatistic:
 
     def __init__(self, tile: Tile, make: Callable[[int, int], Statistic]) -> None:
         self._shape = tile.shape
-        self._observed = np.flatnonzero(np.broadcast_to(tile.round.spp, tile.pixels))
+        self._observed = np.flatnonzero(np.broadcast_to(tile.round.spp, tile.shape))
         # without the shading samples of `Round.patterns`
         statistic = guarded("", make)(len(self._observed), tile.round.settings.shading_samples)
         self._statistic: Statistic = checked(statistic, {"add": None, "sums": None}, in_place=True)

@@ -240,7 +240,7 @@ class Film:
         pixels = part
         if before is not None:
             earlier = before.of_area(area)
-            pixels = join(earlier, replace(part, n=self.of_area(area).n - earlier.n))
+            pixels = join_films(earlier, replace(part, n=self.of_area(area).n - earlier.n))
         assert isinstance(self.rays, dict) and isinstance(self.sums, dict)
         self.mean[area], self.root[area] = pixels.mean, pixels.root
         for kind, number in part.rays.items():
@@ -270,7 +270,7 @@ class Film:
         return np.asarray(np.square(self.root[rows], dtype=np.float64) / (freedom * n))
 
 
-def join(first: Film, more: Film) -> Film:
+def join_films(first: Film, more: Film) -> Film:
     """Return the moments of both, float64; a pixel may have no samples in one of them.
 
     The variance of the mean is as if the two were independent, which is too large for points that go on.

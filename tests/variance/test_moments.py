@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dmis.base.vectors import Array
-from dmis.variance.moments import Film, Moments, PixelMoments, join
+from dmis.variance.moments import Film, Moments, PixelMoments, join_films
 
 
 def samples(n: int, seed: int = 1, dtype: type = np.float64) -> Array:
@@ -86,7 +86,7 @@ def test_join_has_the_mean_of_all_samples(n_more: int) -> None:
     taken = np.full((3, 5, 1), 4)
     if n_more:
         taken[1] = 0
-    joined = join(replace(film_of(first, 4), n=taken), film_of(more, np.full((3, 5, 1), n_more)))
+    joined = join_films(replace(film_of(first, 4), n=taken), film_of(more, np.full((3, 5, 1), n_more)))
     expected = np.concatenate([first, more]).mean(axis=0)
     if n_more:
         expected[1] = more.mean(axis=0)[1]
@@ -99,7 +99,7 @@ def test_variance_of_joined_samples() -> None:
     """That of the mean of independent samples is unbiased, whatever the two numbers."""
     rng = np.random.default_rng(7)
     first, more = rng.normal(5, 2, (4, 60, 60, 3)), rng.normal(5, 2, (12, 60, 60, 3))
-    joined = join(film_of(first, 4), film_of(more, np.full((60, 60, 1), 12)))
+    joined = join_films(film_of(first, 4), film_of(more, np.full((60, 60, 1), 12)))
     of_mean = joined.variance() / joined.n
     assert of_mean.mean() == pytest.approx(4 / 16, rel=0.03)
     assert joined.mean.var() == pytest.approx(4 / 16, rel=0.06)
