@@ -167,3 +167,12 @@ def test_a_statistic_is_of_the_pixels_that_have_samples(box: dmis.Scene) -> None
     film = film_of(box, statistic=Told, spp=3 * mask)
     np.testing.assert_array_equal(film.sums["samples"], patch_sum(by_colour(3.0 * mask), PATCH))
     assert (film.mean[mask == 0] == 0).all() and (film.mean[mask == 1] > 0).any()
+
+
+def test_wishes_of_earlier_versions_are_refused(box: dmis.Scene) -> None:
+    """In place of records without directions."""
+    old = type("Old", (FirstRound,), {"wants": dmis.Wants(), "directions": True})
+    with pytest.raises(
+        ValueError, match=r"must have wants = dmis.Wants\(directions=True\) in place of directions = True"
+    ):
+        film_of(box, statistic=old)
