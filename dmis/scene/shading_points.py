@@ -198,7 +198,7 @@ class ShadingPoints:
     dpdu
         ``(3, N)`` or ``(3, 1)``; read by anisotropic lobes only, None where there are none.
     epsilon
-        By how much p is pushed off, ``(N,)`` or one number, see `dmis.scene.ray_offsets`.
+        By how much p is pushed off, ``(N,)`` or one number, see `dmis.scene.rescale.ray_offsets`.
     """
 
     p: Array

@@ -246,7 +246,7 @@ def _projections(covariance):
 def rounding_covariance(shares, shading_samples):
     """Return the covariance of ``n_k / S``, the realised shares of a camera sample's S shading samples, ``(K, K)``.
 
-    They differ from the `shares` by the systematic rounding of `dmis.estimator.allocation.allocate`.
+    They differ from the `shares` by the systematic rounding of `dmis.estimator.allocation.systematic_counts`.
     """
     targets = np.asarray(shares, np.float64)
     covariance = np.zeros((len(targets), len(targets)))

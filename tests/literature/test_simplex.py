@@ -79,7 +79,7 @@ def pilot(simplex: Any, f: Any, pixels: int, count: int, exact=(True,) * 3, keys
 
 
 def variance(f: Any, w: Array, s: int, exact=(True, True, True)) -> float:
-    """By quadrature: variance of a camera sample, less that of I(y), with counts as `allocate` makes them."""
+    """By quadrature: variance of a camera sample, less that of I(y), with systematic counts."""
     x = ((np.arange(20_000) + 0.5) / 20_000)[:, None]
     y = (np.arange(20) + 0.5) / 20
     q = density(x)[: len(w)]
