@@ -147,29 +147,6 @@ def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reuse
         assert same(dmis.render(box, "second-moment", 16, settings=settings), by_rule[word])
 
 
-@pytest.mark.parametrize(
-    ("rule", "options", "sampler"),
-    [
-        ("balance", {}, "sobol"),
-        ("thesis", {}, "sobol"),
-        ("auto", {}, "sobol"),
-        ("fixed:0.3,combiner=optimal", {}, "sobol"),
-        ("balance:sampler=stratified", {}, "stratified"),
-        ("thesis", {"preset": "thesis"}, "independent"),
-    ],
-)
-def test_default_sampler(box, rule, options, sampler):
-    """Sobol points, unless the rule, its combiner or a preset says otherwise. Provenance and checkpoints have the name,
-    and a render that asks for it is the same.
-    """
-    plain, named = ({**options, **more} for more in ({}, {"sampler": sampler}))
-    result = dmis.render(box, rule, 32, **plain)
-    assert result.provenance["settings"]["sampler"] == sampler
-    assert same(result, dmis.render(box, rule, 32, **named))
-    keys = [resolve(box, rule, 32, 0, make_settings(**settings)).key for settings in (plain, named)]
-    assert keys[0] == keys[1]
-
-
 @dataclass(frozen=True)
 class Divided(dmis.Rule):
     """A rule whose pixels have different numbers of samples."""
