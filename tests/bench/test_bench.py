@@ -488,6 +488,7 @@ def test_what_a_file_holds_is_checked(tmp_path: Path, name: str, change, message
 
 
 THREE = "light", "brdf", "uniform"
+DIRECTIONS = SimpleNamespace(wants=dmis.Wants(directions=True))
 
 
 class Asking(dmis.Rule):
@@ -513,7 +514,7 @@ class Asking(dmis.Rule):
             "needs features of pixels; the data hold",
         ),
         (Asking(lambda b: b.final(Fit((0.4, 0.4, 0.2)), 0, techniques=THREE)), "samples by light and brdf and uniform"),
-        (Asking(lambda b: b.pilot(0.5, 2, lambda *_: SimpleNamespace(wants=dmis.Wants(directions=True)))), "needs directions of samples"),
+        (Asking(lambda b: b.pilot(0.5, 2, lambda *_: DIRECTIONS)), "needs directions of samples"),
         (Asking(lambda b: b.pilot(0.5, 2)), "must yield a final round"),
         (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),
         (lambda tables: None, "a function must return one share .* got None"),

@@ -205,4 +205,3 @@ def test_whole_shares_are_numbers() -> None:
     assert whole_counts(np.array([[0.5], [0.25], [0.25]]), 4) == (2, 1, 1)
     assert whole_counts(np.array([[1.0], [0.0], [0.0]]), 2, random=True) == (2, 0, 0)
     assert whole_counts(pixel_shares(np.full(5, 0.5)), 2) is None
-

@@ -146,7 +146,7 @@ def test_covariance_of_rounding(simplex: Any, shares: tuple[float, ...], s: int)
     at = np.arange(100_000)
     offset = np.random.default_rng(16).random((len(shares) - 1, len(at)))
     of_pixels = np.repeat(np.array(shares)[:, None], len(at), axis=1)
-    counts = allocate(of_pixels, s, at, at * 0 + 5, offset, None).of_technique
+    counts, _ = systematic_counts(of_pixels, s, at, at * 0 + 5, offset)
     np.testing.assert_allclose(np.cov(counts) / s**2, simplex.rounding_covariance(shares, s), atol=2e-3)
 
 
