@@ -133,7 +133,7 @@ def test_grittmann2022(modules: SimpleNamespace) -> None:
     """The share of least moment times cost: light samples cost more rays, so that equal moments give the fewest."""
     rule = modules.grittmann2022.Grittmann2022()
     rays = {"camera": 100, "shadow": 200, "brdf": 0}
-    film = SimpleNamespace(rays=rays, shading_samples=4, moments=SimpleNamespace(mean=np.zeros((*SHAPE, 3))))
+    film = SimpleNamespace(rays=rays, shading_samples=4, mean=np.zeros((*SHAPE, 3)))
     values = np.ones((len(GRID) - 2, *PATCHES))
     for sums, share in ((values, GRID[1]), (0 * values, 0.5)):
         film.sums = {"values": sums}
