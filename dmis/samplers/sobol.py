@@ -57,8 +57,8 @@ COLUMNS: dict[int, tuple[int, ...]] = {
 
 Camera pair and light pair are a net in four dimensions with t = 0, 1, 1, 1, 2, 2, 2 for 2^1 ... 2^7 samples, and t = 3
 up to 2^16: each box of volume 2^(t - m) has 2^t of the first 2^m points. Camera and lens pair have t = 0, 1, 1, 1, 2, 2
-for 2^1 ... 2^6, then 3 up to 2^12, and 4 up to 2^16. `benchmarks/search_net.py` searched them. Further columns and
-matrices are pseudo-random.
+for 2^1 ... 2^6, then 3 up to 2^12, and 4 up to 2^16. `benchmarks/search_net.py` of commit 9db2350c searched
+them. Further columns and matrices are pseudo-random.
 """
 _OF_CAMERA = {(): 0, (LENS,): LENS}
 """Orders of the place in the pixel and on the lens: a path's pairs meet both in one product."""

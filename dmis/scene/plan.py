@@ -25,7 +25,7 @@ from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, mak
 
 MANY_LIGHTS = 128
 """Number of lights from which on they are sampled as one. At equal CPU time, relMSE is that of samples of each with
-about 90 lights by the balance heuristic, with 130 by ``auto`` (``benchmarks/many_lights.py``, seeds 2 to 6)."""
+about 90 lights by the balance heuristic, with 130 by ``auto`` (benchmarks/many_lights.py of 9db2350c)."""
 DEEPER_LIGHTS = 4
 """Number of area lights from which on a tree selects one of them where a path has scattered. relMSE times CPU time over
 samples of each light there is 0.70 on ``ten-lights``, 0.92 on ``veach-mis`` (docs/paths.md), and above 1 where

@@ -11,7 +11,7 @@ from typing import Any
 import helpers
 import numpy as np
 import pytest
-from helpers import Watched, image_tile, pixel_shares, script
+from helpers import Watched, image_tile, pixel_shares
 
 import dmis
 from dmis.brdf.ashikhmin_shirley import BlendBase
@@ -31,6 +31,7 @@ from dmis.intersect import Hits
 from dmis.light.area import QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
+from dmis.light.light import Light
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.tile import render_tile
 from dmis.scene.camera import Camera
@@ -46,10 +47,11 @@ SUN = DistantLight((0, 0, 1), (1, 1, 1))
 DARK, OFF = replace(LAMP, radiance=(0, 0, 0)), replace(POINT, intensity=(0, 0, 0))
 SPOT = SpotLight((0, 0, 2), (0, 0, -1), (1, 1, 1))
 GREY = Image(np.full((4, 4, 3), (0.5, 0.25, 0.125), np.float32))
+GOLD = metal(roughness=0.05)
+RED = plastic((0.5, 0.25, 0.125))
 CHECKS = Image(np.indices((8, 8)).sum(axis=0)[..., None] % 2 * np.float32(0.8))
 
 
-BENCHMARK = script("benchmarks/unused_features.py")
 tile_of = partial(helpers.tile_of, seed=1, spp=4, sampler="auto", integrator="direct")
 
 
@@ -165,20 +167,43 @@ def test_lamps_that_paths_may_not_see_are_not_looked_at(monkeypatch: pytest.Monk
 # What is left out changes nothing -------------------------------------------------------------------------------------
 
 
-SEEN_BY_PATHS = [name for name in BENCHMARK.FEATURES if name.endswith("out of sight") and "black" not in name]
+def scene_of(material: Material = RED, unseen: Material = GOLD, *more: Light) -> Scene:
+    """A floor of a material and a ball under lights, `more` first; behind the camera a square of `unseen`."""
+    camera = Camera.look_at((0, -3, 2), (0, 0, 0.3), fov=40, resolution=(16, 12))
+    ball = sphere(0.5, segments=48).transformed(translate((0, 0, 0.5)))
+    square = quad((-0.2, -3.9, 0.7), (0.4, 0, 0), (0, 0, 0.3))
+    parts = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), material), Part(ball, GOLD), Part(square, unseen)
+    lights = *more, LAMP, PointLight((2, -2, 2), (1, 1, 1))
+    return Scene(camera, parts, lights, "plain", Suggestions("direct", 5))
 
 
-@pytest.mark.parametrize(
-    "integrator, name",
-    [(i, n) for n in BENCHMARK.FEATURES for i in ("direct", "path") if i == "direct" or n not in SEEN_BY_PATHS],
-)
-def test_unused_features_change_no_bit(integrator: str, name: str) -> None:
+UNUSED = {
+    "nothing (the same scene)": scene_of(),
+    "an image texture of one colour": scene_of(plastic(GREY)),
+    "a black lobe": scene_of(replace(RED, lobes=(*RED.lobes, Lambert(0.0)))),
+    "an area light without power": scene_of(RED, GOLD, DARK),
+    "a point light without power": scene_of(RED, GOLD, OFF),
+    "an environment without radiance": scene_of(RED, GOLD, EnvironmentLight(np.zeros((32, 64, 3)))),
+    "a black surface out of sight": scene_of(unseen=matte(0)),
+}
+"""Scenes whose image does not need a feature."""
+OUT_OF_SIGHT = {
+    "another material": scene_of(unseen=matte((0.1, 0.2, 0.3), sigma=20)),
+    "an image texture": scene_of(unseen=matte(CHECKS)),
+    "an anisotropic lobe": scene_of(unseen=ggx(alpha=0.1, alpha_v=0.4)),
+    "a mirror": scene_of(unseen=mirror()),
+}
+"""Those that paths see."""
+
+
+@pytest.mark.parametrize("name", [*UNUSED, *OUT_OF_SIGHT])
+def test_unused_features_change_no_bit(name: str) -> None:
     """Random numbers are drawn for what is used only, so even they are the same."""
-    scene = BENCHMARK.plain((16, 12))
-    image, rays = tile_of(scene, integrator=integrator)
-    found, again = tile_of(BENCHMARK.FEATURES[name](scene), integrator=integrator)
-    np.testing.assert_array_equal(found, image)
-    assert again == rays
+    for integrator in ("direct", "path") if name in UNUSED else ("direct",):
+        image, rays = tile_of(scene_of(), integrator=integrator)
+        found, again = tile_of((UNUSED | OUT_OF_SIGHT)[name], integrator=integrator)
+        np.testing.assert_array_equal(found, image)
+        assert again == rays
 
 
 def test_black_lobes_take_no_samples() -> None:

@@ -1,7 +1,6 @@
 """Refusals of the pbrt reader: one message lists all that a file has and dmis does not."""
 
 import re
-import runpy
 from pathlib import Path
 from time import process_time
 
@@ -134,17 +133,6 @@ def test_files_of_the_field_load(tmp_path):
     assert [text.partition(": ")[2] for text in texts] == named
     assert len(scene.lights) == 3 and len(scene.parts) == 2 + len(names) + 2
     assert np.isfinite(dmis.render(scene, "balance", 1, parallel=1).image).all()
-
-
-def test_table_of_a_folder(tmp_path, capsys):
-    (tmp_path / "a.pbrt").write_text(FILE)
-    (tmp_path / "b.pbrt").write_text(f'Integrator "path"\nWorldBegin\n{TRIANGLE}WorldEnd')
-    (tmp_path / "mesh.pbrt").write_text(TRIANGLE)
-    script = runpy.run_path(str(Path(__file__).parents[3] / "benchmarks/read_scenes.py"))
-    script["main"]([str(tmp_path)])
-    rows = capsys.readouterr().out.splitlines()
-    assert rows[2].startswith("| a.pbrt | refused |") and '"curve": a shape must be' in rows[2]
-    assert rows[3].startswith("| b.pbrt | loaded |") and rows[5] == "1 refused, 1 loaded" and len(rows) == 13
 
 
 def names_in(page, row, dialect):
