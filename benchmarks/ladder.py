@@ -13,27 +13,34 @@ ways round: noise raises the expected value of a rung, it does not lower it. The
 its patches; that of B6 and B7, which rest on the small estimate P alone, is large. Evaluated on the samples that it was
 made on, a choice looks better than it is; the difference says whether the samples are enough.
 
-Camera samples are independent up to the last rung, which assumes that they are even (`evenness`). What
+Camera samples are independent up to the last rung, which assumes that they are even (`Evenness`). What
 control variates (B4) and product sampling without visibility (B5) could bring is left out.
+
+    python benchmarks/ladder.py tt --resolution 300x167     prints the ladder of a scene; its oracle is kept
+
+`make_ladder_table.py` makes the table of docs/measurements.md.
 """
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from evenness import Evenness
 
 from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
+from dmis.cli.arguments import RESOLUTION
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.oracle_renders import make_oracle, oracle_key, read_curves
-from dmis.experiment.reference import cache_path
+from dmis.experiment.oracle_renders import curve_settings, make_oracle, oracle_key, read_curves
+from dmis.experiment.reference import REFERENCE_SEED, cache_path
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
+from dmis.formats.load_scene import load_scene
+from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID_SHARES, HALF, share_variance
 
@@ -66,6 +73,27 @@ samples go where edges are, and a larger exponent would be that of smooth pixels
 """
 INTERVAL = 1.96
 """Half the width of a 95 % confidence interval, in standard errors."""
+EVEN_SPP, EVEN_RATIO, EVEN_SEEDS = 128, 4, 8
+"""Camera samples per pixel at which `Evenness` is measured, what these are divided by for its slope, and renders."""
+
+
+@dataclass(frozen=True)
+class Evenness:
+    """Error of the balance heuristic with Sobol points over that with independent ones, as a power of the samples.
+
+    Attributes
+    ----------
+    spp
+        Camera samples per pixel at which `ratio` was measured.
+    ratio
+        Mean squared error with Sobol points over that with independent points.
+    exponent
+        a, where the error with Sobol points falls as n^-a: 1 for independent points, 3/2 for edges in the pixel.
+    """
+
+    spp: int
+    ratio: float
+    exponent: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +129,27 @@ def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, *
     return HalvedOracle(
         oracle.variance, oracle.cost, oracle.patch, oracle.spp, oracle.shape, tuple(halves), s, base_cost
     )
+
+
+def measure_evenness(
+    scene: Scene, oracle: Oracle, spp: int = EVEN_SPP, *, settings: Settings | None = None, **options: Any
+) -> Evenness:
+    """Return the evenness of a scene's Sobol points; `settings` are those of the oracle, `options` those of `render`.
+
+    The error at `spp` and at a quarter of it is the variance over renders with different random numbers, of the mean of
+    the channels, over all pixels. That with independent points is the oracle's.
+    """
+    settings, errors = replace(curve_settings(scene, settings), sampler="sobol"), []
+    for n in (spp // EVEN_RATIO, spp):
+        renders = (
+            render(scene, "balance", n, seed=REFERENCE_SEED + 4 + k, settings=settings, **options)
+            for k in range(EVEN_SEEDS)
+        )
+        images = [result.image.mean(axis=2, dtype=np.float64) for result in renders]
+        errors.append(float(np.var(images, axis=0, ddof=1).mean()))
+    fewer, error = errors
+    independent = oracle.mean(oracle.variance[HALF]) / spp
+    return Evenness(spp, error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
 
 
 def rung_text(value: float, interval: float) -> str:
@@ -329,3 +378,15 @@ def _cost(oracle: HalvedOracle, choice: _Choice) -> Array:
 def _at_index(values: Array, index: np.ndarray) -> Array:
     """Return the values ``(G, ...)`` at an index ``(...)`` into the grid."""
     return np.take_along_axis(values, index[None], axis=0)[0]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("scene")
+    parser.add_argument("--resolution", type=RESOLUTION, metavar="WxH")
+    parser.add_argument("--spp", type=int, default=2048, help="camera samples per pixel, a multiple of 4 (2048)")
+    given = parser.parse_args()
+    scene, plain = load_scene(given.scene, given.resolution), Settings(compensation=0)
+    oracle = halved_oracle(scene, given.spp, settings=plain)
+    ladder = make_ladder(oracle, measure_evenness(scene, oracle, settings=plain))
+    print("every sample of the scene is the same" if ladder is None else ladder.text())

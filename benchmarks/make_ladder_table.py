@@ -3,7 +3,7 @@ The ladder of bounds: a table of docs/measurements.md
 ==============================================
 
 How small the error could be in equal time with one freedom of the estimator after another, on the four scenes, as
-``print_ladder.py SCENE --compensation 0`` prints it for one. The first rung is the balance heuristic,
+``ladder.py SCENE`` prints it for one. The first rung is the balance heuristic,
 so skies are sampled without compensation. Takes ten minutes; rows go to docs/tables/ladder.csv.
 """
 
@@ -13,8 +13,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, TABLES, options, show
-from evenness import EVEN_SPP, measure_evenness
-from ladder import INTERVAL, RUNGS, halved_oracle, make_ladder, rung_text
+from ladder import EVEN_SPP, INTERVAL, RUNGS, halved_oracle, make_ladder, measure_evenness, rung_text
 from pieces import FOUR
 from rows import markdown, read_rows, write_rows
 
