@@ -11,8 +11,9 @@ them by rounding alone makes nothing old. Their fingerprints are in docs/tables/
 another row with the next serial number. docs/tables/published.csv has a row for each piece, with the serial number at
 the time, and docs/published.md shows it.
 
-Before an old piece is made, its rows in docs/tables are deleted, and with them its row in published.csv. So a piece
-without such a row was interrupted, or never made: its command continues with the rows that are there.
+An old piece loses its rows in docs/tables and in published.csv before it is made, so that one without a row there was
+interrupted, or never made: its command continues with the rows that it finds. ``git checkout docs/tables`` brings back
+what a command that fails has lost.
 """
 
 from __future__ import annotations
@@ -40,8 +41,7 @@ from rows import markdown, read_rows, write_rows
 import dmis
 
 DOCS = ROOT / "docs"
-PUBLISHED = DOCS / "tables" / "published.csv"
-RENDERS = DOCS / "tables" / "renders.csv"
+PUBLISHED, RENDERS = DOCS / "tables" / "published.csv", DOCS / "tables" / "renders.csv"
 PAGE = DOCS / "published.md"
 FIELDS = ("piece", "commit", "date", "minutes", "machine", "serial", "script", "files")
 """Columns of `PUBLISHED`; `serial` is that of the renders at the time, `script` and `files` are hashes."""
@@ -50,9 +50,8 @@ NUMBERS = (
     "rays",
 )
 """Numbers of a fingerprint."""
-
-
-# Tables of the pages ------------------------------------------------------------------------------------------------
+Rows = dict[str, dict[str, str]]
+"""Rows of `PUBLISHED` by piece."""
 
 
 def page_of(block: str) -> tuple[Path, str]:
@@ -61,91 +60,60 @@ def page_of(block: str) -> tuple[Path, str]:
     return (ROOT if name == "README.md" else DOCS) / name, mark
 
 
-def tables_of(piece: Piece) -> dict[str, list[str]]:
-    """Return the lines of the blocks of a piece, from docs/tables alone."""
-    if not piece.module:
-        return {}
-    tables: dict[str, list[str]] = import_module(piece.module).tables()
-    return {block: tables[block] for block in piece.blocks}
-
-
-def sentences_of(piece: Piece) -> dict[str, list[str]]:
-    """Return the fragments of prose with numbers, by page; from docs/tables alone."""
-    module = import_module(piece.module) if piece.module else None
-    return module.sentences() if module is not None and hasattr(module, "sentences") else {}
-
-
 def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
     """Write the blocks of the pieces into the pages, and `PAGE`; pieces without rows are left out."""
     for piece in pieces:
-        if missing := [name for name in piece.files if not (DOCS / name).exists()]:
+        missing = [name for name in piece.files if not (DOCS / name).exists()]
+        if missing:
             print(f"{piece.name}: there is no {', '.join(missing)}", file=sys.stderr)
-            continue
-        for block, lines in tables_of(piece).items():
-            replace_table(*page_of(block), *lines)
-    write_published()
-
-
-def write_published() -> None:
-    """Write `PAGE`: each piece, its command, and where and when it was made."""
-    commands = {piece.name: piece.command for piece in PIECES}
+        elif piece.module:
+            for block, lines in import_module(piece.module).tables().items():
+                replace_table(*page_of(block), *lines)
+    commands = {piece.name: f"`{piece.command}`" for piece in PIECES}
+    cells = [
+        [name, commands.get(name, "–"), *(row[field] for field in FIELDS[1:5])] for name, row in published().items()
+    ]
     lines = [
         "# What was published when",
         "",
         "After this page you know by which command, at which commit and on which machine each table and picture was",
         "made. `make publish` makes those that are older than the renders or the script that decide them.",
         "",
+        *markdown(["piece", "command: python …", *FIELDS[1:5]], cells),
     ]
-    cells = [
-        [
-            row["piece"],
-            f"`{commands.get(row['piece'], '–')}`",
-            row["commit"],
-            row["date"],
-            row["minutes"],
-            row["machine"],
-        ]
-        for row in read_rows(PUBLISHED)
-    ]
-    lines += markdown(["piece", "command: python …", "commit", "date", "minutes", "machine"], cells)
     PAGE.write_text("\n".join(lines) + "\n", "utf-8")
 
 
-# Ages ---------------------------------------------------------------------------------------------------------------
-
-
 def code_digest(script: str) -> str:
-    """Return a hash of the code of a script, without comments and docstrings; empty for no script."""
+    """Return a hash of the code of a script, without imports, comments and docstrings; empty for no script."""
     if not script:
         return ""
     tree = ast.parse((ROOT / script).read_text("utf-8"))
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node) is not None:
-            node.body = node.body[1:]
+        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef):
+            kept = node.body[ast.get_docstring(node) is not None :]
+            node.body = [line for line in kept if not isinstance(line, ast.Import | ast.ImportFrom)]
     return hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:12]
 
 
 def files_digest(piece: Piece) -> str:
     """Return a hash of the files of a piece."""
-    sha = hashlib.sha256()
-    for name in piece.files:
-        sha.update((DOCS / name).read_bytes() if (DOCS / name).exists() else b"missing")
-    return sha.hexdigest()[:12]
+    contents = [(DOCS / name).read_bytes() if (DOCS / name).exists() else b"missing" for name in piece.files]
+    return hashlib.sha256(b"".join(contents)).hexdigest()[:12]
 
 
 def update_renders(pieces: Iterable[Piece] = PIECES) -> None:
     """Render the frozen configurations that decide pieces, and note fingerprints that differ by more than rounding."""
     rows: list[Mapping[str, object]] = [*read_rows(RENDERS)]
     before = {str(row["render"]): {key: float(str(row[key])) for key in NUMBERS} for row in rows}
-    serial = 1 + newest_serial()
-    scenes: dict[str, dmis.Scene] = {}
+    serial, scenes = 1 + newest_serial(), dict[str, dmis.Scene]()
     begins = tuple(begin for piece in pieces for begin in piece.renders)
-    table = {name: item for name, item in frozen.configurations().items() if name.startswith(begins)}
-    for n, (name, configuration) in enumerate(table.items(), 1):
-        print(f"\rrender {n} of {len(table)}", end="", file=sys.stderr, flush=True)
-        numbers = frozen.fingerprint(frozen.render(configuration, scenes))
-        if not frozen.agree(before.get(name, {}), numbers):
-            rows.append({"serial": serial, "render": name, **{key: f"{x:.7g}" for key, x in numbers.items()}})
+    for name, configuration in frozen.configurations().items():
+        if name.startswith(begins):
+            print(f"\r{name:70}", end="", file=sys.stderr, flush=True)
+            numbers = frozen.fingerprint(frozen.render(configuration, scenes))
+            if not frozen.agree(before.get(name, {}), numbers):
+                rows.append({"serial": serial, "render": name, **{key: f"{x:.7g}" for key, x in numbers.items()}})
     print(file=sys.stderr)
     write_rows(RENDERS, rows, ("serial", "render", *NUMBERS))
 
@@ -155,124 +123,86 @@ def newest_serial() -> int:
     return max((int(row["serial"]) for row in read_rows(RENDERS)), default=0)
 
 
-def reason_to_make(piece: Piece, published: dict[str, dict[str, str]], renders: list[dict[str, str]]) -> str:
-    """Return why a piece is old; empty if it is not."""
-    if piece.name not in published:
+def published() -> Rows:
+    """Return the published rows by piece."""
+    return {row["piece"]: row for row in read_rows(PUBLISHED)}
+
+
+def write_published(rows: Rows) -> None:
+    """Write `PUBLISHED`, in the order of the pieces."""
+    order = [piece.name for piece in PIECES]
+    write_rows(PUBLISHED, sorted(rows.values(), key=lambda row: [*order, row["piece"]].index(row["piece"])), FIELDS)
+
+
+def reason_to_make(piece: Piece, rows: Rows, renders: Iterable[Mapping[str, str]]) -> str:
+    """Return why a piece is old, by published rows and rows of renders; empty if it is not."""
+    if piece.name not in rows:
         return "was never made by this command"
-    row = published[piece.name]
+    row = rows[piece.name]
     if row["files"] != files_digest(piece):
         return "its files are not those that were published"
     if row["script"] != code_digest(piece.script):
         return f"{piece.script} has changed"
-    for render in renders:
-        if int(render["serial"]) > int(row["serial"]) and render["render"].startswith(piece.renders or ("\n",)):
-            return f"the render '{render['render']}' has changed"
-    return ""
-
-
-def state() -> tuple[dict[str, dict[str, str]], list[dict[str, str]]]:
-    """Return the published rows by piece, and the fingerprints."""
-    return {row["piece"]: row for row in read_rows(PUBLISHED)}, read_rows(RENDERS)
+    newer = (render["render"] for render in renders if int(render["serial"]) > int(row["serial"]))
+    return next((f"the render '{name}' has changed" for name in newer if name.startswith(piece.renders)), "")
 
 
 def record(piece: Piece, minutes: float | None = None, commit: str = "") -> None:
     """Note that the files of a piece have been made, at a commit; without minutes, those of its old row stay."""
-    published, _ = state()
-    old = published.get(piece.name, {})
+    rows = published()
     git = ["git", "-C", str(ROOT), "show", "-s", "--format=%h %cs", commit or "HEAD"]
-    made = subprocess.run(git, capture_output=True, text=True, check=False).stdout.split()
-    published[piece.name] = {
+    made = subprocess.run(git, capture_output=True, text=True, check=False).stdout.split() or ["unknown", ""]
+    rows[piece.name] = {
         "piece": piece.name,
-        "commit": made[0] if made else "unknown",
-        "date": made[1] if commit and made else str(date.today()),
-        "minutes": old.get("minutes", "–") if minutes is None else f"{minutes:.1f}",
+        "commit": made[0],
+        "date": made[1] if commit else str(date.today()),
+        "minutes": rows.get(piece.name, {}).get("minutes", "–") if minutes is None else f"{minutes:.1f}",
         "machine": machine(),
         "serial": str(newest_serial()),
         "script": code_digest(piece.script),
         "files": files_digest(piece),
     }
-    write_published_rows(published)
-
-
-def forget(piece: Piece) -> dict[Path, bytes]:
-    """Delete the rows of a piece, so that they are measured anew, and return them.
-
-    A piece that was interrupted or never made keeps its rows.
-    """
-    published, _ = state()
-    if not published.pop(piece.name, None):
-        return {}
-    paths = [DOCS / name for name in piece.files if name.startswith("tables/") and (DOCS / name).exists()]
-    rows = {path: path.read_bytes() for path in paths}
-    for path in rows:
-        path.unlink()
-    write_published_rows(published)
-    return rows
-
-
-def write_published_rows(published: Mapping[str, Mapping[str, object]]) -> None:
-    """Write `PUBLISHED`, in the order of the pieces."""
-    order = {known.name: n for n, known in enumerate(PIECES)}
-    write_rows(PUBLISHED, sorted(published.values(), key=lambda row: order.get(str(row["piece"]), len(order))), FIELDS)
-
-
-# Making -------------------------------------------------------------------------------------------------------------
+    write_published(rows)
 
 
 def make(piece: Piece) -> bool:
-    """Run the command of a piece, and note that it was made; return whether it succeeded.
-
-    A command that fails before its first row, such as one that lacks a package, leaves the old rows.
-    """
-    published, _ = state()
-    old_rows = forget(piece)
-    begin = time.perf_counter()
+    """Run the command of a piece, without the rows of one that was published; return whether it succeeded."""
+    rows, begin = published(), time.perf_counter()
+    if rows.pop(piece.name, None):
+        for name in piece.files:
+            if name.startswith("tables/"):
+                (DOCS / name).unlink(missing_ok=True)
+        write_published(rows)
     done = subprocess.run([sys.executable, *shlex.split(piece.command)], cwd=ROOT, check=False)
     if done.returncode == 0:
         record(piece, (time.perf_counter() - begin) / 60)
         write_pages([piece])
-    elif not any(path.exists() for path in old_rows):
-        for path, content in old_rows.items():
-            path.write_bytes(content)
-        write_published_rows(published)
     return done.returncode == 0
-
-
-def named(names: Sequence[str] | None) -> list[Piece]:
-    """Return the pieces of these names, all if None; `SystemExit` for a name that none has."""
-    known = {piece.name: piece for piece in PIECES}
-    unknown = [name for name in names or () if name not in known]
-    if unknown:
-        sys.exit(f"no piece {', '.join(unknown)}; pieces are {', '.join(known)}")
-    return [known[name] for name in names] if names else list(PIECES)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line above; return the exit code."""
+    names = [piece.name for piece in PIECES]
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--only", nargs="+", metavar="PIECE", help="make these, old or not")
+    parser.add_argument("--only", nargs="+", metavar="PIECE", choices=names, help="make these, old or not")
     parser.add_argument("--list", action="store_true", help="print what is old, and why; make nothing")
     parser.add_argument("--pages", action="store_true", help="write the pages from docs/tables; measure nothing")
-    parser.add_argument("--record", nargs="+", metavar="PIECE", help="note that files were made by hand just now")
+    parser.add_argument("--record", nargs="+", metavar="PIECE", choices=names, help="these were made by hand just now")
     parser.add_argument("--commit", default="", help="commit at which --record's pieces were made (default: HEAD)")
     parser.add_argument("--minutes", type=float, help="minutes that this took")
     given = parser.parse_args(arguments)
-    pieces = named(given.only or given.record)
-    if given.pages:
+    pieces = [piece for piece in PIECES if piece.name in (given.only or given.record or names)]
+    if not given.pages:
+        update_renders(pieces)
+    for piece in pieces if given.record else ():
+        record(piece, given.minutes, given.commit)
+    if given.pages or given.record:
         write_pages(pieces)
         return 0
-    update_renders(pieces)
-    if given.record:
-        for piece in pieces:
-            record(piece, given.minutes, given.commit)
-        write_pages(pieces)
-        return 0
-    reasons = {piece.name: reason_to_make(piece, *state()) for piece in pieces}
-    for piece in pieces:
-        print(f"{piece.name:40} {reasons[piece.name] or 'as new as what decides it'}")
-    if given.list:
-        return 0
-    old = [piece for piece in pieces if given.only or reasons[piece.name]]
+    reasons = {piece.name: reason_to_make(piece, published(), read_rows(RENDERS)) for piece in pieces}
+    for name, reason in reasons.items():
+        print(f"{name:40} {reason or 'as new as what decides it'}")
+    old = [piece for piece in pieces if (given.only or reasons[piece.name]) and not given.list]
     failed = []
     for n, piece in enumerate(old, 1):
         print(f"[{n} of {len(old)}] {piece.name}: python {piece.command}", flush=True)
@@ -280,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             failed.append(piece.name)
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
-    return len(failed) and 1
+    return int(bool(failed))
 
 
 if __name__ == "__main__":
