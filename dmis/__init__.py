@@ -17,7 +17,8 @@ with open(f"{__file__.removesuffix('c')}i", encoding="utf-8") as _stub:  # __ini
 """Public names, and the modules that define them."""
 _ROOMS = (
     "base", "brdf", "cli", "estimator", "experiment", "bench", "doctor", "report",
-    "fit", "formats", "formats.pbrt", "geometry", "light", "pipeline", "samplers", "scene", "testing", "variance",
+    "fit", "formats", "formats.gltf", "formats.obj", "formats.pbrt", "geometry", "light", "pipeline", "samplers",
+    "scene", "testing", "variance",
 )  # fmt: skip
 """Packages, whose modules are loaded as attributes."""
 __all__ = sorted((*_HOMES, "plot"))

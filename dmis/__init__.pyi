@@ -49,12 +49,11 @@ from dmis.fit.registry import make_rule as make_rule
 from dmis.fit.registry import register_rule as register_rule
 from dmis.fit.round import Fit as Fit
 from dmis.fit.rule import Rule as Rule
-from dmis.formats.load_scene import HELD_OUT as HELD_OUT
-from dmis.formats.load_scene import SHIPPED as SHIPPED
-from dmis.formats.load_scene import light_part as light_part
 from dmis.formats.load_scene import load_scene as load_scene
+from dmis.formats.mesh_files import load_mesh as load_mesh
+from dmis.formats.shipped import HELD_OUT as HELD_OUT
+from dmis.formats.shipped import SHIPPED as SHIPPED
 from dmis.geometry.mesh import Mesh as Mesh
-from dmis.geometry.mesh_files import load_mesh as load_mesh
 from dmis.geometry.subdivision import loop_subdivide as loop_subdivide
 from dmis.image import read_exr as read_exr
 from dmis.image import write_exr as write_exr
@@ -79,6 +78,7 @@ from dmis.samplers.pixel_filter import PixelFilter as PixelFilter
 from dmis.samplers.streams import register_sampler as register_sampler
 from dmis.scene.camera import Camera as Camera
 from dmis.scene.groups import Part as Part
+from dmis.scene.groups import light_part as light_part
 from dmis.scene.masks import Mask as Mask
 from dmis.scene.scene import Scene as Scene
 from dmis.scene.suggestions import Suggestions as Suggestions

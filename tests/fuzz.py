@@ -47,11 +47,12 @@ from dmis import intersect
 from dmis.cli.commands import main
 from dmis.experiment.reference import load_reference
 from dmis.fit.registry import make_rule
+from dmis.formats import mesh_files
 from dmis.formats.pbrt import reader
 from dmis.formats.pbrt.dialect import DIALECTS
 from dmis.formats.pbrt.read import read_pbrt
 from dmis.formats.pbrt.tokens import PbrtError
-from dmis.geometry import mesh_files, shapes, subdivision
+from dmis.geometry import shapes, subdivision
 from dmis.image import read_exr, write_exr
 from dmis.image_reader import IMAGE_SUFFIXES, load_image
 from dmis.scene.scene import Scene, SceneWarning

@@ -36,7 +36,8 @@ from dmis.experiment.runs import Run
 from dmis.fit.registry import RULES
 from dmis.fit.round import Round
 from dmis.fit.rule import merge_settings
-from dmis.formats.load_scene import SHIPPED, load_scene
+from dmis.formats.load_scene import load_scene
+from dmis.formats.shipped import SHIPPED
 from dmis.intersect import Hits
 from dmis.light.area import SphereLight
 from dmis.pipeline.result import Result

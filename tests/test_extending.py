@@ -22,8 +22,8 @@ from dmis.cli.commands import main
 from dmis.estimator import mis
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.round import Round
-from dmis.formats.load_scene import light_part
 from dmis.pipeline.job import resolve
+from dmis.scene.groups import light_part
 from dmis.testing.scenes import box_scene
 
 pytestmark = pytest.mark.examples

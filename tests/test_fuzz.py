@@ -17,7 +17,7 @@ import trimesh
 import dmis
 from dmis.cli.commands import main
 from dmis.experiment.reference import load_reference
-from dmis.geometry.mesh_files import placed_geometries
+from dmis.formats.mesh_files import placed_geometries
 from dmis.image import read_exr, write_exr
 from dmis.scene.scene import Scene
 
@@ -69,7 +69,7 @@ def test_what_is_not_changed_is_read(folder):
     for tokens in fuzz.TEXTS[:-1]:
         assert isinstance(fuzz.read(folder, "\n".join(tokens)), Scene)
     for path in sorted((folder / "good").iterdir()):
-        if path.suffix in dmis.geometry.mesh_files.MESH_SUFFIXES:
+        if path.suffix in dmis.formats.mesh_files.MESH_SUFFIXES:
             assert dmis.load_scene(path, material=dmis.matte()).parts[0].mesh.triangles
         elif path.suffix == ".exr":
             assert read_exr(path)[0]["RGB"].size
@@ -140,7 +140,7 @@ def test_files_that_end_early(tmp_path, capfd):
 
 def test_instances_are_counted(monkeypatch):
     """A small file may ask for one mesh any number of times."""
-    monkeypatch.setattr("dmis.geometry.mesh_files.MAX_FACES", 20)
+    monkeypatch.setattr("dmis.formats.mesh_files.MAX_FACES", 20)
     scene = trimesh.Scene(trimesh.creation.box())
     name = next(iter(scene.geometry))
     assert [len(mesh.faces) for _, mesh in placed_geometries(scene)] == [12]

@@ -18,7 +18,8 @@ from dmis.estimator.cost import RAY, UNTRACED, count_camera_samples
 from dmis.estimator.settings import Settings
 from dmis.fit.fixed import Given
 from dmis.fit.round import Round
-from dmis.formats.load_scene import SCENE_FOLDER, load_scene
+from dmis.formats.load_scene import load_scene
+from dmis.formats.shipped import SCENE_FOLDER
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 

@@ -24,6 +24,8 @@ from dmis.scene.groups import Part
 from dmis.scene.masks import Mask
 
 DEFAULT_MATERIAL = matte()
+MAX_FACES = 2**25
+"""Most triangles of a mesh file, all instances counted."""
 Y_UP = ".glb", ".gltf", ".obj"
 """Extensions of files in which y is up, and which may have materials."""
 
@@ -38,6 +40,8 @@ class Model:
         The file.
     outside
         Whether it may name files outside of its folder.
+    bare
+        Whether a caller's material replaces those of the file, of which no notes are made then.
     parts, lights
         Those of a scene; a light with a surface is that of a part, too.
     cameras
@@ -50,6 +54,7 @@ class Model:
 
     path: Path
     outside: bool = False
+    bare: bool = False
     parts: list[Part] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     cameras: dict[str, Camera] = field(default_factory=dict)

@@ -1,1 +1,1 @@
-"""Meshes: from files and formulas, transforms, Loop subdivision."""
+"""Meshes: from formulas, transforms, Loop subdivision."""

@@ -16,7 +16,7 @@ from dmis.base.plugins import is_shipped
 from dmis.base.validate import direction
 from dmis.base.vectors import Array, Index
 from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters, checked_lobe
-from dmis.brdf.materials import Material
+from dmis.brdf.materials import Material, matte
 from dmis.brdf.relief import Relief
 from dmis.brdf.texture import Image, Images
 from dmis.geometry.mesh import Mesh
@@ -57,6 +57,14 @@ class Part:
             raise ValueError("a part with a light must not have a mask, because the light is sampled without its holes")
         if self.tangent is not None:
             direction("tangent", self.tangent)
+
+
+def light_part(light: AreaLight) -> Part:
+    """Return the visible surface of an area light, which emits its radiance and reflects nothing."""
+    mesh = light.mesh()
+    if mesh is None:
+        raise ValueError(f"light must have a visible surface; {type(light).__name__}.mesh() returns None")
+    return Part(Mesh(mesh.vertices, mesh.faces, uv=mesh.uv), matte(0), light)
 
 
 @dataclass(frozen=True, eq=False)

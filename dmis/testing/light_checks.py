@@ -16,14 +16,13 @@ import numpy as np
 
 from dmis.base.vectors import Array, frame
 from dmis.brdf.materials import matte
-from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad
 from dmis.geometry.transforms import translate
 from dmis.light.light import Light, check_light_form, checked_light
 from dmis.light.light_sample import INFINITE_DISTANCE
 from dmis.pipeline.render import render
 from dmis.scene.camera import Camera
-from dmis.scene.groups import Part
+from dmis.scene.groups import Part, light_part
 from dmis.scene.scene import Scene
 from dmis.testing.density import CORNERS, COUNT, DensityView, check_integral, check_pdf, check_values
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks

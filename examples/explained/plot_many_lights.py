@@ -13,7 +13,7 @@ import time
 import dmis
 from dmis import plot
 from dmis.examples.gallery import options, print_canvas
-from dmis.formats.load_scene import SCENE_FOLDER
+from dmis.formats.shipped import SCENE_FOLDER
 
 opts, _ = options("plot_many_lights", __doc__)
 SPP, SIZE = 16, opts.pick((40, 25), (480, 300), (960, 600))

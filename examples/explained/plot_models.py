@@ -14,7 +14,7 @@ from pathlib import Path
 import dmis
 from dmis import plot
 from dmis.examples.gallery import options, print_canvas
-from dmis.formats.load_scene import SCENE_FOLDER
+from dmis.formats.shipped import SCENE_FOLDER
 
 opts, _ = options("plot_models", __doc__)
 SPP, SIZE = opts.pick((2, (48, 36)), (256, (240, 180)), (1024, (640, 480)))

@@ -15,9 +15,9 @@ import numpy as np
 import dmis
 from dmis import plot
 from dmis.examples.gallery import options, print_canvas
-from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
+from dmis.scene.groups import light_part
 
 opts, _ = options("plot_scene_plan", __doc__)
 SIZE, SPP = opts.pick((48, 36), (240, 180)), opts.pick(8, 64)

@@ -16,7 +16,7 @@ import pytest
 import dmis
 from dmis.cli.commands import main
 from dmis.fit.registry import RULES
-from dmis.formats.load_scene import SHIPPED
+from dmis.formats.shipped import SHIPPED
 from dmis.image import read_exr
 
 SCENE = """

@@ -12,9 +12,9 @@ from helpers import script
 
 import dmis
 from dmis.brdf.diffuse import Lambert
-from dmis.formats.obj import READ
-from dmis.geometry.gltf import EXTENSIONS
-from dmis.geometry.mesh_files import load_mesh
+from dmis.formats.gltf.gltf_file import EXTENSIONS
+from dmis.formats.mesh_files import load_mesh
+from dmis.formats.obj.mtl import READ
 from dmis.image import encode_png
 from dmis.image_reader import IMAGE_SUFFIXES
 from dmis.scene.scene import SceneWarning
@@ -541,18 +541,10 @@ HUGE = {"componentType": 5126, "count": 10**7, "type": "VEC3"}
         ({"nodes": [{"mesh": 5}]}, "names number 5 of its meshes, of which it has 1"),
         ({"extensionsRequired": ["EXT_meshopt_compression"]}, "requires EXT_meshopt_compression, which is not read"),
         ({"asset": {"version": "1.0"}}, "must be glTF of version 2; got version '1.0'"),
-        ({"nodes": [{"mesh": 0, "scale": [1e400, 1, 1]}]}, r"its nodes\[0\].scale must be 3 finite numbers; got \[inf"),
+        ({"nodes": [{"mesh": 0, "scale": [1e400, 1, 1]}]}, "matrix of a node must be finite"),
         ({"nodes": [{"mesh": 0, "matrix": [*[0] * 15, 2]}]}, "must be finite and affine"),
-        ({"nodes": [{"mesh": 0, "weights": ["a"]}]}, r"nodes\[0\].weights must be finite numbers; got"),
-        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": "4"}]}]}, "mode must be a whole number"),
-        ({"materials": [{"normalTexture": {"index": 0, "scale": {}}}]}, "materials.0..normalTexture.scale must be a"),
-        ({"materials": [{"pbrMetallicRoughness": {"roughnessFactor": None}}]}, "roughnessFactor must be a finite"),
-        ({"materials": [{"emissiveFactor": [1, 1]}]}, r"emissiveFactor must be 3 finite numbers; got \[1, 1\]"),
-        ({"materials": [{"alphaCutoff": True}]}, "alphaCutoff must be a finite number; got True"),
-        (
-            {"materials": [{"extensions": {"KHR_materials_ior": {"ior": "1.5"}}}]},
-            "ior must be a finite number; got",
-        ),
+        ({"nodes": [{"mesh": -1}]}, "names number -1 of its meshes"),
+        ({"meshes": [{"primitives": [{"attributes": {}}]}]}, "is empty, damaged, or of a form that is not read"),
         ({"nodes": []}, "."),
     ],
 )
@@ -577,7 +569,7 @@ def test_extensions_of_materials_that_are_replaced(tmp_path):
 
 
 def test_instances_beyond_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr("dmis.geometry.gltf.MAX_FACES", 5)
+    monkeypatch.setattr("dmis.formats.gltf.gltf_file.MAX_FACES", 5)
     file = File().mesh()
     file.json["nodes"] *= 3
     with pytest.raises(ValueError, match="at most 5 triangles, and 15 vertices, because instances are copied"):

@@ -13,10 +13,11 @@ from PIL import Image as PIL
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
 from dmis.cli.commands import main
-from dmis.formats.load_scene import SKY, SOFT_SKY, light_part, load_scene
+from dmis.formats.load_scene import load_scene
+from dmis.formats.mesh_files import from_trimesh
 from dmis.formats.model import DEFAULT_MATERIAL
+from dmis.formats.model_lights import SKY, SOFT_SKY
 from dmis.geometry.mesh import Mesh, flat_normals
-from dmis.geometry.mesh_files import from_trimesh
 from dmis.geometry.shapes import quad
 from dmis.image import write_exr
 from dmis.light.area import DiskLight, QuadLight, SphereLight
@@ -25,7 +26,7 @@ from dmis.light.environment import EnvironmentLight
 from dmis.light.mesh_light import MeshLight
 from dmis.pipeline.render import render
 from dmis.scene.camera import Camera
-from dmis.scene.groups import Part
+from dmis.scene.groups import Part, light_part
 from dmis.scene.scene import Scene, SceneWarning
 
 BOX = trimesh.creation.box()

@@ -10,7 +10,6 @@ from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 from dmis import Camera, render
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte, plastic
-from dmis.formats.load_scene import light_part
 from dmis.formats.pbrt.read import read_pbrt
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.shapes import quad
@@ -18,7 +17,7 @@ from dmis.intersect import Hits, Intersector
 from dmis.light.area import DiskLight, QuadLight
 from dmis.light.coincident import find_twins, lamp_triangles, two_sided
 from dmis.light.mesh_light import MeshLight
-from dmis.scene.groups import Part
+from dmis.scene.groups import Part, light_part
 from dmis.scene.scene import Scene, SceneWarning
 from dmis.testing.scenes import FLOOR, box_scene
 from dmis.testing.sphere import columns, uniforms

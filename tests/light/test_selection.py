@@ -11,7 +11,6 @@ from helpers import LEVEL, script
 import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte, plastic, shiny_metal
-from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.light import tree
@@ -24,7 +23,7 @@ from dmis.light.selection import SELECTIONS, SelectedLights
 from dmis.light.tree import TreeSelection
 from dmis.samplers.warp import square_to_sphere
 from dmis.scene.camera import Camera
-from dmis.scene.groups import Part
+from dmis.scene.groups import Part, light_part
 from dmis.scene.plan import DEEPER_LIGHTS, MANY_LIGHTS
 from dmis.scene.scene import Scene
 from dmis.testing.density import CORNERS, COUNT, DensityView, check_integral, check_pdf

@@ -167,7 +167,7 @@ def sunlit(distance: float, surface: bool = True, ground: float = 6.0, name: str
     sun = dmis.SphereLight(tuple(centre.tolist()), distance * 0.02, (1 / (np.pi * 0.02**2),) * 3)
     box = trimesh.creation.box((0.2, 0.2, 0.05), transform=translate((0, 0, 0.025)))
     floor = dmis.geometry.shapes.quad((-ground / 2, -ground / 2, 0), (ground, 0, 0), (0, ground, 0))
-    parts = (Part(floor, dmis.matte(0.8)), Part(dmis.geometry.mesh_files.from_trimesh(box), dmis.matte(0.5)))
+    parts = (Part(floor, dmis.matte(0.8)), Part(dmis.formats.mesh_files.from_trimesh(box), dmis.matte(0.5)))
     camera = dmis.Camera.look_at((0, -1.5, 1), (0, 0, 0), fov=20, resolution=(32, 32))
     return Scene(camera, parts + ((dmis.light_part(sun),) if surface else ()), (sun,), name)
 

@@ -12,7 +12,7 @@ from helpers import shipped
 import dmis
 from dmis.__main__ import main
 from dmis.formats.pbrt.notes import PbrtWarning
-from dmis.formats.pbrt.suggestions import power_of_two
+from dmis.formats.pbrt.sample_requests import power_of_two
 from dmis.image import read_exr
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.scene.scene import SceneWarning

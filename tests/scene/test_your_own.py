@@ -17,10 +17,9 @@ from dmis.brdf.diffuse import CosineLobe, Lambert
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
-from dmis.formats.load_scene import light_part
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight
 from dmis.light.light_sample import LightSample
-from dmis.scene.groups import Part
+from dmis.scene.groups import Part, light_part
 from dmis.scene.scene import SceneWarning
 from dmis.testing.scenes import FLOOR, box_scene
 from dmis.testing.sphere import uniforms

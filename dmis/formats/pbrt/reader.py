@@ -16,14 +16,14 @@ from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
 from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission
-from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.notes import Notes, Refusals
 from dmis.formats.pbrt.parameter import Parameter
 from dmis.formats.pbrt.parameters import Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
+from dmis.formats.pbrt.pbrt_materials import make_material
+from dmis.formats.pbrt.pbrt_shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
-from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
-from dmis.formats.pbrt.suggestions import SampleRequests
+from dmis.formats.pbrt.sample_requests import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.light.light import Light
 from dmis.scene.camera import Camera

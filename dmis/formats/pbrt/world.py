@@ -9,10 +9,10 @@ from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
 from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission, make_light
-from dmis.formats.pbrt.materials import MATERIALS
 from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.pbrt_materials import MATERIALS
+from dmis.formats.pbrt.pbrt_shapes import make_shape
 from dmis.formats.pbrt.reader import KEPT, PARAMETERS, Directive, Reader
-from dmis.formats.pbrt.shapes import make_shape
 from dmis.formats.pbrt.textures import make_texture
 from dmis.formats.pbrt.tokens import Token
 

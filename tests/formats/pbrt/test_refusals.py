@@ -12,11 +12,11 @@ from PIL import Image
 import dmis
 from dmis.formats.pbrt.dialect import DIALECTS
 from dmis.formats.pbrt.lights import LIGHTS
-from dmis.formats.pbrt.materials import MATERIALS
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.options import CAMERAS
+from dmis.formats.pbrt.pbrt_materials import MATERIALS
+from dmis.formats.pbrt.pbrt_shapes import SHAPES
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.shapes import SHAPES
 from dmis.formats.pbrt.textures import TEXTURES
 from dmis.formats.pbrt.tokens import PbrtError
 from tests.formats.pbrt.test_read import TRIANGLE

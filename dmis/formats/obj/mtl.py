@@ -25,8 +25,8 @@ from dmis.brdf.materials import Material, glass, matte, plastic, shiny_metal, ub
 from dmis.brdf.metallic_roughness import metallic_roughness
 from dmis.brdf.texture import Image, scale
 from dmis.formats.model import Model
+from dmis.formats.obj.obj_file import NUMBER, read_obj, uncommented
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.wavefront import NUMBER, read_obj, uncommented
 from dmis.image_reader import load_image
 from dmis.scene.masks import Mask
 

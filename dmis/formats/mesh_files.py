@@ -1,4 +1,4 @@
-"""Meshes from files: OBJ by `dmis.geometry.wavefront`, glTF by `gltf`, PLY by `ply`, STL and objects by trimesh."""
+"""Meshes from files, without their materials, and meshes of objects of trimesh."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmis.geometry.gltf import MAX_FACES, Gltf
+from dmis.formats.model import MAX_FACES, Model
 from dmis.geometry.mesh import Mesh, concatenate, repair_normals, vertex_normals, weld
-from dmis.geometry.ply import read_ply
-from dmis.geometry.wavefront import read_obj
 
 if TYPE_CHECKING:
     import trimesh
@@ -80,10 +78,16 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     suffix = path.suffix.lower()
     with reading(path) as data:
         if suffix == ".obj":
+            from dmis.formats.obj.obj_file import read_obj
+
             mesh = concatenate(list(read_obj(data)[0].values()))
         elif suffix in (".glb", ".gltf"):
-            mesh = concatenate([mesh for mesh, *_ in Gltf(path, data, bare=True).primitives()])
+            from dmis.formats.gltf.gltf_file import Gltf
+
+            mesh = concatenate([mesh for mesh, *_ in Gltf(Model(path, bare=True), data).primitives()])
         elif suffix == ".ply":
+            from dmis.formats.ply import read_ply
+
             mesh = read_ply(data)
         else:
             import trimesh  # takes 50 MB and half a second

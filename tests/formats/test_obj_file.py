@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from dmis.formats.mesh_files import load_mesh
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.mesh_files import load_mesh
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)

@@ -14,10 +14,11 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
+from dmis.formats import mesh_files
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.quadrics import choose_grids
 from dmis.formats.pbrt.tokens import Token, blame, unzipped
-from dmis.geometry import mesh_files, subdivision
+from dmis.geometry import subdivision
 from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
 from dmis.scene.camera import Camera

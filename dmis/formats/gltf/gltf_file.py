@@ -1,6 +1,6 @@
 """Reader of glTF 2 files, ``.glb`` and ``.gltf``: the JSON description, its arrays, and its triangles.
 
-Source: Khronos Group, *glTF 2.0 Specification*. Materials, lights and cameras are read by `dmis.formats.gltf`.
+Source: Khronos Group, *glTF 2.0 Specification*. `dmis.formats.gltf.gltf_scene` reads lights and cameras.
 """
 
 from __future__ import annotations
@@ -9,9 +9,7 @@ import base64
 import json
 import math
 import struct
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,11 +19,10 @@ import numpy as np
 
 from dmis.base.named_files import named_file
 from dmis.base.vectors import Floats
+from dmis.formats.model import MAX_FACES, Model
 from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.transforms import rotate
 
-MAX_FACES = 2**25
-"""Most triangles of a mesh file, all instances counted."""
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 EXTENSIONS = tuple(
@@ -35,66 +32,34 @@ EXTENSIONS = tuple(
 """Extensions that are read."""
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 """Modes of a list, a strip and a fan of triangles."""
-_NUMBERS = {
-    "a whole number": "index texCoord bufferView buffer byteOffset byteLength byteStride count componentType mesh "
-    "camera light material mode source sampler wrapS wrapT magFilter scene primitives.indices",
-    "a finite number": "alphaCutoff metallicFactor roughnessFactor normalTexture.scale KHR_texture_transform.rotation "
-    "emissiveStrength ior specularFactor intensity innerConeAngle outerConeAngle yfov aspectRatio xmag ymag",
-    "2 finite numbers": "offset KHR_texture_transform.scale",
-    "3 finite numbers": "translation nodes.scale emissiveFactor color specularColorFactor",
-    "4 finite numbers": "nodes.rotation baseColorFactor",
-    "16 finite numbers": "matrix",
-    "finite numbers": "weights",
-}
-"""Fields of numbers by what they must be; with their owner where others have the name."""
-_FORM = {field: form for form, fields in _NUMBERS.items() for field in fields.split()}
 
 
-@dataclass(eq=False)
 class Gltf:
-    """A glTF file.
+    """The bytes of a glTF file, which is that of a model; what is left out is counted there."""
 
-    Attributes
-    ----------
-    path, outside
-        The file, and whether it may name files outside of its folder.
-    data
-        Its bytes.
-    bare
-        Whether its materials are not used.
-    unread
-        Numbers of things that are left out, by kind.
-    """
-
-    path: Path
-    data: bytes
-    outside: bool = False
-    bare: bool = False
-    unread: Counter[str] = field(default_factory=Counter)
-
-    def __post_init__(self) -> None:
-        text = self.data
+    def __init__(self, model: Model, data: bytes) -> None:
+        self.model = model
         self._binary = b""
-        if self.path.suffix.lower() == ".glb":
-            magic, length, size = struct.unpack("<8sII", self.data[:16].ljust(16, b"\0"))
+        text = data
+        if data[:4] == b"glTF":
+            magic, length, size = struct.unpack("<8sII", data[:16].ljust(16, b"\0"))
             end = 20 + size
             if magic != b"glTF\2\0\0\0":
                 raise ValueError("it must be binary glTF of version 2; convert it")
-            if len(self.data) < max(length, end):
-                raise ValueError(f"it is cut off: it must have {max(length, end)} bytes; it has {len(self.data)}")
-            text = self.data[20:end]
-            self._binary = self.data[end + 8 :]
+            if len(data) < max(length, end):
+                raise ValueError(f"it is cut off: it must have {max(length, end)} bytes; it has {len(data)}")
+            text = data[20:end]
+            self._binary = data[end + 8 :]
         self.json: dict[str, Any] = json.loads(text)
         version = str(self.json.get("asset", {}).get("version", "2.0"))
         if version.partition(".")[0] != "2":
             raise ValueError(f"it must be glTF of version 2; got version {version!r}; convert it")
-        _check_numbers(self.json)
         if missing := self.unread_extensions("extensionsRequired"):
             raise ValueError(f"it requires {', '.join(missing)}, which is not read; export it without, uncompressed")
 
     def unread_extensions(self, key: str) -> list[str]:
         """Return the extensions that the file lists and that would matter, ``extensionsUsed`` or those required."""
-        unused = ("_materials_", "_texture_") if self.bare else ()
+        unused = ("_materials_", "_texture_") if self.model.bare else ()
         names = set(self.json.get(key, ())) - set(EXTENSIONS)
         return sorted(name for name in names if not any(word in name for word in unused))
 
@@ -115,11 +80,12 @@ class Gltf:
 
     def file(self, uri: str) -> Path | None:
         """Return the path of a file beside this one; None if there is none."""
-        return named_file(self.path.parent, unquote(uri), None if self.outside else self.path.parent)
+        folder = self.model.path.parent
+        return named_file(folder, unquote(uri), None if self.model.outside else folder)
 
     def view(self, number: int) -> tuple[bytes, int]:
         """Return the bytes of a buffer view, and their stride in bytes; 0: elements follow each other."""
-        view = self._item("bufferViews", number)
+        view = self.item("bufferViews", number)
         begin, length = view.get("byteOffset", 0), view["byteLength"]
         data = self._buffers[view["buffer"]]
         if not 0 <= begin <= begin + length <= len(data):
@@ -128,7 +94,7 @@ class Gltf:
 
     def array(self, number: int) -> Any:
         """Return the elements of an accessor, ``(N, C)``: integers, or float64 where they are fractions."""
-        accessor = self._item("accessors", number)
+        accessor = self.item("accessors", number)
         count = accessor["count"]
         kind = np.dtype(_TYPES[accessor["componentType"]])
         columns = _COLUMNS[accessor["type"]]
@@ -163,7 +129,7 @@ class Gltf:
             )
         return np.ndarray(shape, kind, data, begin, (stride, kind.itemsize))
 
-    def _item(self, kind: str, number: Any) -> dict[str, Any]:
+    def item(self, kind: str, number: Any) -> dict[str, Any]:
         """Return an entry of a list of the description."""
         items = self.json.get(kind, [])
         if not (isinstance(number, int) and 0 <= number < len(items)):
@@ -176,9 +142,9 @@ class Gltf:
         nodes = self.json.get("nodes", [])
         scenes = self.json.get("scenes", [])
         children = {child for node in nodes for child in node.get("children", [])}
-        roots = self._item("scenes", self.json.get("scene", 0)).get("nodes", []) if scenes else None
+        roots = self.item("scenes", self.json.get("scene", 0)).get("nodes", []) if scenes else None
         stack = [(k, np.eye(4)) for k in (sorted(set(range(len(nodes))) - children) if roots is None else roots)[::-1]]
-        self.unread["other scene"] += max(len(scenes) - 1, 0)
+        self.model.unread["other scene"] += max(len(scenes) - 1, 0)
         placed = []
         seen = set()
         while stack:
@@ -186,7 +152,7 @@ class Gltf:
             if number in seen:
                 raise ValueError(f"its node {number} has several parents; a glTF scene is a tree")
             seen.add(number)
-            node = self._item("nodes", number)
+            node = self.item("nodes", number)
             if node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible") is False:
                 continue  # neither it nor what is below it is shown
             matrix = parent @ _local(node)
@@ -211,14 +177,14 @@ class Gltf:
         for node, matrix in self.nodes:
             if "mesh" not in node:
                 continue
-            self.unread["skin (shown as it is modelled)"] += "skin" in node
-            mesh = self._item("meshes", node["mesh"])
+            self.model.unread["skin (shown as it is modelled)"] += "skin" in node
+            mesh = self.item("meshes", node["mesh"])
             for primitive in mesh["primitives"]:
                 if (mode := primitive.get("mode", _TRIANGLES)) not in (_TRIANGLES, _STRIP, _FAN):
-                    self.unread["set of points or lines"] += 1
+                    self.model.unread["set of points or lines"] += 1
                     continue
-                position = self._item("accessors", primitive["attributes"]["POSITION"])
-                corners = self._item("accessors", primitive["indices"]) if "indices" in primitive else position
+                position = self.item("accessors", primitive["attributes"]["POSITION"])
+                corners = self.item("accessors", primitive["indices"]) if "indices" in primitive else position
                 total += max(corners["count"] // (3 if mode == _TRIANGLES else 1), position["count"] // 3)
                 weights = node.get("weights", mesh.get("weights", ()))
                 listed += [(primitive, weights, matrix)] if corners["count"] > 2 else []
@@ -244,8 +210,8 @@ class Gltf:
         if given is not None and np.linalg.cond(linear) < 1e12:  # else it is flat, and so are its normals
             normals = repair_normals(vertices, faces, given) @ np.linalg.inv(linear)
         if uv is not None:
-            if tangents is not None and not self.bare and _are_apart(tangents, vertices, uv, faces):
-                self.unread["tangents (normal maps lean along texture coordinates)"] += 1
+            if tangents is not None and not self.model.bare and _are_apart(tangents, vertices, uv, faces):
+                self.model.unread["tangents (normal maps lean along texture coordinates)"] += 1
             uv = (uv if turn is None else uv @ turn.T) * (1, -1) + (0, 1)
         return Mesh(world, faces[:, ::-1] if mirrored else faces, normals, uv), colours
 
@@ -284,30 +250,6 @@ def _are_apart(tangents: Any, vertices: Any, uv: Any, faces: Any) -> bool:
     far = (axis * dpdu).sum(axis=0) < 0.7 * np.linalg.norm(axis, axis=0) * np.linalg.norm(dpdu, axis=0)
     wrong = (far | (side * area > 0)) & (area != 0)  # v runs down
     return bool(wrong.mean() > 0.1)
-
-
-def _check_numbers(value: Any, path: str = "", owner: str = "") -> None:
-    """Raise a ValueError that names the first field of the description that must have numbers and has others.
-
-    `path` is the place of `value` in it, `owner` the last name of that. Extensions that are not read are passed over.
-    """
-    entries: Any = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for name, entry in entries:
-        place, inner = (f"{path}[{name}]", owner) if isinstance(value, list) else (f"{path}.{name}", name)
-        form = _FORM.get(name) or _FORM.get(f"{owner}.{name}")
-        passed = name in ("extras", "animations", "skins") or (owner == "extensions" and name not in EXTENSIONS)
-        if form is None and not passed:
-            _check_numbers(entry, place, inner)
-        elif form is not None and not _has_form(entry, *form.split()[:2]):
-            raise ValueError(f"its {place[1:]} must be {form}; got {str(entry)[:60]}")
-
-
-def _has_form(value: Any, count: str, kind: str) -> bool:
-    """Return whether a value is what the first two words of a form of `_NUMBERS` say."""
-    values = [value] if count == "a" else value
-    kinds = (int,) if kind == "whole" else (int, float)
-    right = isinstance(values, list) and all(type(x) in kinds and math.isfinite(x) for x in values)
-    return right and (not count.isdigit() or len(values) == int(count))
 
 
 def _local(node: dict[str, Any]) -> Floats:

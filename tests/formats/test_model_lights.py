@@ -6,7 +6,7 @@ from gltf_file import CORNERS, FACES, File
 
 import dmis
 from dmis.cli.commands import main
-from dmis.formats.emission import LIT, lit_share
+from dmis.formats.model_lights import LIT, lit_share
 from dmis.geometry.shapes import quad
 from dmis.light.environment import EnvironmentLight
 from dmis.light.mesh_light import MeshLight

@@ -1,4 +1,4 @@
-"""Parts, lights and cameras of glTF files; their materials are read by `dmis.formats.gltf_materials`.
+"""Parts, lights and cameras of glTF files; their materials are read by `dmis.formats.gltf.gltf_materials`.
 
 What a file lets fade out is no light transport: the range of lights is ignored. Intensities and radiances are the
 file's numbers: candela, lux and nits are not converted.
@@ -15,9 +15,9 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
-from dmis.formats.gltf_materials import Materials
+from dmis.formats.gltf.gltf_file import Gltf
+from dmis.formats.gltf.gltf_materials import Materials
 from dmis.formats.model import Model
-from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh, concatenate
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.light import Light
@@ -32,8 +32,9 @@ _LOOKS = {
 """What looks different without an extension that is not read."""
 
 
-def read_gltf(gltf: Gltf, model: Model) -> None:
-    """Add the triangles, lights and cameras of a glTF file to a model; of a bare one no notes on its materials."""
+def read_gltf(data: bytes, model: Model) -> None:
+    """Add the triangles, lights and cameras of the bytes of a glTF file to its model."""
+    gltf = Gltf(model, data)
     materials = Materials(gltf)
     joined: dict[Any, list[Mesh]] = {}
     for number, (whole, colours, material) in enumerate(gltf.primitives(materials.coordinates)):
@@ -57,13 +58,12 @@ def read_gltf(gltf: Gltf, model: Model) -> None:
         model.add(mesh, surface, light, materials.mask(material, mesh))
     for node, matrix in gltf.nodes:
         if "camera" in node:
-            _add_camera(gltf.json["cameras"][node["camera"]], node, matrix, model)
+            _add_camera(gltf.item("cameras", node["camera"]), node, matrix, model)
         if (of_node := node.get("extensions", {}).get("KHR_lights_punctual")) is not None:
             lights = gltf.json["extensions"]["KHR_lights_punctual"]["lights"]
             model.lights.append(_light(lights[of_node["light"]], matrix))
-    gltf.unread["animation"] += len(gltf.json.get("animations", []))
-    gltf.unread.update(f"extension {name}{_LOOKS.get(name, '')}" for name in gltf.unread_extensions("extensionsUsed"))
-    model.unread.update(gltf.unread if gltf.bare else materials.unread + gltf.unread)
+    model.unread["animation"] += len(gltf.json.get("animations", []))
+    model.unread.update(f"extension {name}{_LOOKS.get(name, '')}" for name in gltf.unread_extensions("extensionsUsed"))
 
 
 def _with_colours(materials: Materials, material: int | None, mesh: Mesh, given: Floats) -> tuple[Mesh, Any]:

@@ -1,4 +1,4 @@
-"""Emission of models: lamps of a file that overlap, and how much of the image all of them light."""
+"""Lights of models: lamps that overlap, the share of the image that emission lights, and lights of dark models."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from dmis.base.color import Rgb
+from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import Combiner
@@ -15,7 +17,10 @@ from dmis.estimator.technique import BRDF, LIGHT
 from dmis.estimator.trace import radiance
 from dmis.formats.model import Model
 from dmis.intersect import CountingCaster
+from dmis.light.area import QuadLight
 from dmis.light.coincident import find_overlaps, lamp_triangles
+from dmis.light.environment import EnvironmentLight
+from dmis.light.light import Light
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Numbers
 from dmis.scene.camera import Camera
@@ -26,6 +31,10 @@ LIT = 1e-3
 """Least radiance of a lit place of the image, over the largest radiance that is emitted."""
 COLUMNS, ROWS, SPP = 32, 24, 8
 """Places of the probe render, and samples of each."""
+SKY = 0.25
+"""Radiance of the default sky of a mesh; its lamp adds the rest of 1."""
+SOFT_SKY = (0.1, 0.32, 0.62)
+"""Radiance of the default sky of a model with materials: below, at the horizon and above, linear in the height."""
 LEAST_LIT = 0.1
 """Least share of the image that emission lights so that a model needs no sky and lamp: the share is 0.97 in the room of
 `scenes/make_room.py`, 0.2 from outside, and at most 0.03 in models with displays or status lights."""
@@ -90,3 +99,34 @@ def lit_share(scene: Scene) -> float:
     reflected = radiance(batch, origin, direction).max(axis=0) * ~((prim >= 0) & emits[prim])
     largest = max(light.brightness(1.0) for light in scene.lights)
     return float((reflected.reshape(SPP, places).mean(axis=0) > LIT * largest).mean())
+
+
+def default_lights(camera: Camera, low: Array, high: Array, up: Rgb | None = None) -> list[Light]:
+    """Return the lights of a mesh that has none: a sky, and a lamp that shows its shape.
+
+    The sky has radiance `SKY`; with an axis `up` it is soft, `SOFT_SKY`, so that metals have something to reflect. The
+    lamp is a square behind the camera, to the upper left and out of its view, that looks at the middle of the mesh,
+    whose least and largest coordinates are `low` and `high` ``(3,)``, and is about as large. Under an even sky an
+    unoccluded white surface that faces the lamp has radiance 1.
+    """
+    sky = EnvironmentLight(np.full((16, 32, 3), SKY))
+    if up is not None:
+        height = np.cos((np.arange(64) + 0.5) * np.pi / 64)
+        soft = np.interp(height, (-1, 0, 1), SOFT_SKY)
+        axes = np.eye(3) if up[2] else np.eye(3)[[0, 2, 1]]
+        sky = EnvironmentLight(np.broadcast_to(soft[:, None, None], (64, 128, 3)), axes)
+    middle = (low + high) / 2
+    eye = np.asarray(camera.to_world, float)[:3, 3]
+    right, up, forward = (axis / np.linalg.norm(axis) for axis in np.asarray(camera.to_world, float)[:3, :3].T)
+    distance = max(float(np.linalg.norm(middle - eye)), float(np.linalg.norm(high - low)) / 2)
+    # 0.4 behind the camera, which is more than the edges of the tilted square come forward
+    centre = eye + distance * (0.9 * (up - right) - 0.4 * forward)
+    towards, side = middle - centre, 0.7 * distance
+    across = np.cross(towards, up)
+    first = across * (side / np.linalg.norm(across))
+    second = np.cross(towards, first) / np.linalg.norm(towards)
+    # E = pi L sin^2 of the angle of a disk of the same area, pi r^2
+    square = side**2 / np.pi
+    radiance = (1 - SKY) * (1 + towards @ towards / square)
+    corner, u, v = (tuple(place.tolist()) for place in (centre - (first + second) / 2, first, second))
+    return [sky, QuadLight(corner, u, v, (radiance,) * 3)]

@@ -8,7 +8,6 @@ of the base colour is an image, it is a mask. The occlusion texture is no light 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, cast
@@ -21,7 +20,7 @@ from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
 from dmis.brdf.relief import NormalMap
 from dmis.brdf.texture import Image, Wrap, scale
-from dmis.geometry.gltf import Gltf
+from dmis.formats.gltf.gltf_file import Gltf
 from dmis.geometry.mesh import Mesh
 from dmis.image_reader import decode_image, linear_values
 from dmis.scene.masks import Mask
@@ -47,20 +46,19 @@ class Materials:
 
     def __init__(self, gltf: Gltf) -> None:
         self._gltf = gltf
-        self.unread: Counter[str] = Counter()
         self.material = lru_cache(maxsize=None)(self._material)
         self._pixels = lru_cache(maxsize=1)(self._decoded)
         self._counted: set[tuple[str, str]] = set()
 
     def leave_out(self, kind: str, thing: object, is_so: bool = True) -> None:
-        """Count a thing of the description as left out, once."""
-        if is_so and (kind, repr(thing)) not in self._counted:
+        """Count a thing of the description as left out, once, unless a caller's material takes its place."""
+        if is_so and not self._gltf.model.bare and (kind, repr(thing)) not in self._counted:
             self._counted.add((kind, repr(thing)))
-            self.unread[kind] += 1
+            self._gltf.model.unread[kind] += 1
 
     def entry(self, number: int | None) -> dict[str, Any]:
         """Return the description of a material; that without a number is the default."""
-        return {} if number is None else dict(self._gltf.json["materials"][number])
+        return {} if number is None else self._gltf.item("materials", number)
 
     def textured(self, number: int | None) -> bool:
         """Return whether a material has a texture."""
@@ -160,15 +158,15 @@ class Materials:
         if (texture_set, rotation) != first[:2] or (rotation and [s, t] != first[2]):
             self.leave_out(f"{name} with other coordinates or another rotation than {next(iter(infos))}", info)
             return None
-        texture = self._gltf.json["textures"][info["index"]]
+        texture = self._gltf.item("textures", info["index"])
         if "source" not in texture:
             self.leave_out("texture of another format", info)
             return None
-        uri = self._gltf.json["images"][texture["source"]].get("uri", "data:")
+        uri = self._gltf.item("images", texture["source"]).get("uri", "data:")
         if not uri.startswith("data:") and self._gltf.file(uri) is None:
             self.leave_out(f"missing file {unquote(uri)[-60:]!r}", uri)
             return None
-        sampler = self._gltf.json["samplers"][texture["sampler"]] if "sampler" in texture else {}
+        sampler = self._gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
         wrap = _wrap(sampler, "wrapS"), _wrap(sampler, "wrapT")
         if rotation:  # `coordinates` scales
             s = t = 1
@@ -182,6 +180,6 @@ class Materials:
 
     def _decoded(self, number: int) -> np.ndarray:
         """Return the pixels of an image, ``(H, W, 1 to 4)``; `_pixels` keeps those of the last one."""
-        image = self._gltf.json["images"][number]
+        image = self._gltf.item("images", number)
         data = self._gltf.resource(image["uri"]) if "uri" in image else self._gltf.view(image["bufferView"])[0]
         return decode_image(data, f"image {number}")

@@ -1,0 +1,1 @@
+"""The format glTF, ``.glb`` and ``.gltf``."""

@@ -1,0 +1,1 @@
+"""The format OBJ, with materials of MTL files."""
