@@ -1,18 +1,15 @@
 """Plant faults of multiple importance sampling in tables of dmis, and measure whether the doctor finds them.
 
 Writes docs/tables/doctor-faults.csv: for each fault and scene z, the cause that is named with its factor and interval,
-and the rows that z = 5 would take. With ``--speed`` time and memory of 10^7 rows. False alarms: doctor_alarms.py.
+and the rows that z = 5 would take. False alarms: doctor_alarms.py.
 
-Run: python benchmarks/doctor_faults.py [--speed]               (six minutes)
+Run: python benchmarks/doctor_faults.py               (six minutes)
 """
 
 from __future__ import annotations
 
 import re
-import resource
-import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -180,36 +177,6 @@ def sentences() -> dict[str, list[str]]:
     return {"doctor.md": [f"The doctor detects {all_found}{len(rows)} planted faults and names {named}."]}
 
 
-def speed(rows: int = 10_000_000) -> None:
-    """Print CPU seconds and memory of 10^7 rows, copies of those of the teapot, with a fault and without."""
-    one = dmis_table.table(small("teapot-area-light", 96), 64)
-    n = len(one["f"])
-    copies = np.arange(rows) // n
-    big = {name: column[np.arange(rows) % n] for name, column in one.items() if np.shape(column)[:1] == (n,)}
-    big["camera_sample"] = big["camera_sample"] + (64 * copies).astype(np.int32)
-    path = ROOT / "doctor-speed.npz"
-    try:
-        for factor in (1, 0.93):
-            big["p_b"] = np.where(big["technique"] == 0, factor, 1).astype(np.float32) * big["p_b"]
-            np.savez(path, **big, version=1, light_samples=1, brdf_samples=1, shape=one["shape"])
-            before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-            subprocess.run([sys.executable, "-m", "dmis", "doctor", str(path)], check=False, stdout=subprocess.DEVNULL)
-            after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-            wall = time.perf_counter() - begin
-            print(f"{rows:,} rows, p_b x {factor}: {wall:.1f} s, CPU {cpu:.1f} s, {after.ru_maxrss / 2**20:.2f} GB")
-    finally:
-        path.unlink(missing_ok=True)
-
-
-def run() -> None:
-    """Write the table, or measure the speed."""
-    if "--speed" in sys.argv:
-        speed()
-        return
-    lines = table_of_faults()
-    write_rows(CSV, lines, list(dict.fromkeys(key for line in lines for key in line)))
-
-
 if __name__ == "__main__":
-    run()
+    faults = table_of_faults()
+    write_rows(CSV, faults, list(dict.fromkeys(key for line in faults for key in line)))

@@ -183,38 +183,12 @@ class Ladder:
     position: float
     evenness: Evenness | None = None
 
-    @property
-    def unclear(self) -> list[str]:
-        """Names of the rungs that cannot be told from 0: their 95 % confidence interval reaches it."""
-        return [name for name, value in self.rungs.items() if not value > self._interval(name)]
-
-    def _interval(self, name: str) -> float:
-        """Return half the width of the 95 % confidence interval of a rung."""
-        return INTERVAL * self.standard_errors[name]
-
-    def rung_text(self, name: str) -> str:
-        """Return a rung with its 95 % confidence interval as text, or "< limit" if it is one of `unclear`."""
-        return rung_text(self.rungs[name], self._interval(name))
-
     def text(self) -> str:
-        """Return the position's share, the evenness and a table of the rungs with 95 % intervals, in Markdown."""
+        """Return a line for each rung, with its 95 % interval, and the rung that is evaluated on its own samples."""
         lines = [f"Of the variance at w = 1/2, {self.position:.0%} does not depend on the shading samples."]
-        if even := self.evenness:
-            lines.append(
-                f"With Sobol points the error of the balance heuristic at {even.spp} samples per pixel is "
-                f"{even.ratio:.2g} of that with independent ones, and falls as n^-{even.exponent:.2f}."
-            )
-        lines += ["", "| rung | what may be chosen | error in equal time | chosen and evaluated on the same samples |"]
-        lines.append("|---|---|---|---|")
-        lines += [
-            f"| {name} | {RUNGS[name]} | {self.rung_text(name)} | {self.flattered[name]:.3g} |" for name in self.rungs
-        ]
-        if self.unclear:
-            lines += [
-                "",
-                f"{' and '.join(self.unclear)} cannot be told from 0 with this oracle's samples per pixel: the table "
-                f"has the upper end of the 95 % interval. Give the oracle more of them (--spp).",
-            ]
+        for name, value in self.rungs.items():
+            text = rung_text(value, INTERVAL * self.standard_errors[name])
+            lines.append(f"{name:4} {text:16} ({self.flattered[name]:.3g} on the same samples)  {RUNGS[name]}")
         return "\n".join(lines)
 
 

@@ -15,6 +15,7 @@ misses its target by more than a fifth. Absolute times depend on the machine: th
 
 import argparse
 import cProfile
+import itertools
 import math
 import pstats
 import statistics
@@ -26,18 +27,19 @@ from dataclasses import asdict, dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+import numpy as np
+
 import dmis
-from dmis.estimator.settings import make_settings
 from dmis.pipeline.job import resolve
-from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
 from common import SCENES, show
-from rows import read_rows, write_rows
+from rows import markdown, read_rows, write_rows
 
 SPEEDS, TARGETS = (ROOT / "docs" / "tables" / f"speed{part}.csv" for part in ("", "-targets"))
+RESOLUTION = (342, 256)
 SLACK = 1.2
 """A ratio may miss its target by this factor before it counts as a failure."""
 TIME_PARTS = {
@@ -51,92 +53,51 @@ TIME_PARTS = {
 }
 """Functions whose time, with that of their callees, is one part of a tile's time; the rest is shading."""
 
-HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | in Embree | total / floor | range |
-|---|---|---|---|---|---|---|---|---|"""
+HEAD = "scene, rule, Msamples/s, Mrays/s, rays per sample, seconds, in Embree, total / floor, range".split(", ")
+FIELDS = ("scene", "rule", "samples", "rays", "seconds", "in Embree")
+"""Columns of `SPEEDS`: camera samples and rays of one render, its wall seconds, and those in its Embree calls."""
+Rows = list[dict[str, Any]]
 
 
-@dataclass(frozen=True)
-class Speed:
-    """Times of several renders of a scene with one rule.
-
-    Attributes
-    ----------
-    samples
-        Number of camera samples of one render.
-    rays
-        Number of rays of the first render, by kind.
-    seconds, floor
-        Wall seconds of each render, and those in its Embree calls, the mean over threads.
-    """
-
-    scene: str
-    rule: str
-    threads: int
-    samples: int
-    rays: dict[str, int]
-    seconds: list[float]
-    floor: list[float]
-
-    @property
-    def ratios(self) -> list[float]:
-        """Ratio of total time to floor of each render."""
-        return [total / floor for total, floor in zip(self.seconds, self.floor)]
-
-    def row(self) -> str:
-        """Return the row of the table below `HEADER`."""
-        seconds, floor = statistics.median(self.seconds), statistics.median(self.floor)
-        rays = sum(self.rays.values())
-        return (
-            f"| {self.scene} | {self.rule} | {self.samples / seconds / 1e6:.2f} | {rays / seconds / 1e6:.2f} "
-            f"| {rays / self.samples:.2f} | {seconds:.2f} | {floor:.2f} | {statistics.median(self.ratios):.2f} "
-            f"| {min(self.ratios):.2f} – {max(self.ratios):.2f} |"
-        )
-
-
-def bench(
-    sources: Sequence[str],
-    rules: Sequence[str],
-    resolution: tuple[int, int],
-    spp: int,
-    *,
-    parallel: int = 1,
-    repeats: int = 3,
-    seed: int = 0,
-    progress: Progress | None = None,
-    **options: Any,
-) -> list[Speed]:
-    """Render every scene with every rule `repeats` times, in turns.
-
-    Parameters
-    ----------
-    sources
-        Names or files of scenes, see `dmis.formats.load_scene.load_scene`.
-    parallel
-        Number of threads.
-    progress
-        Called as ``progress(case, done, total)`` after each render.
-    options
-        ``settings`` and fields of `dmis.Settings` by name, for all rules, see `dmis.pipeline.render.render`.
-
-    A ValueError if there is no repeat, or a rule or a scene is not right.
-    """
-    if repeats < 1:
-        raise ValueError(f"repeats must be at least 1; got {repeats}")
-    scenes = [dmis.load_scene(source, resolution=resolution) for source in sources]
-    cases = [(scene, rule) for scene in scenes for rule in rules]
-    speeds: dict[int, Speed] = {}
-    for k in range(repeats):
-        for n, (scene, rule) in enumerate(cases):
-            job = resolve(scene, rule, spp, seed + k, make_settings(**options)).alone
+def bench(names: Sequence[str], rules: Sequence[str], spp: int, repeats: int, **settings: Any) -> Rows:
+    """Render scenes by rules on one thread, `repeats` times in turns, and return a row for each render."""
+    scenes = [dmis.load_scene(name, resolution=RESOLUTION) for name in names]
+    progress, rows = show("bench"), Rows()
+    for seed in range(repeats):
+        for scene, rule in itertools.product(scenes, rules):
+            job = resolve(scene, rule, spp, seed, dmis.Settings(**settings)).alone
             job.scene.prepare()  # once, before the first render
-            result = render_job(job, parallel)
-            samples = math.prod(scene.camera.resolution) * job.spp
-            begun = Speed(scene.name, job.rule_text, parallel, samples, dict(result.rays), [], [])
-            speeds.setdefault(n, begun).seconds.append(result.seconds["total"])
-            speeds[n].floor.append(result.seconds["embree"] / parallel)
+            result = render_job(job, 1)
+            numbers = math.prod(scene.camera.resolution) * job.spp, sum(result.rays.values())
+            seconds = (f"{result.seconds[part]:.5g}" for part in ("total", "embree"))
+            rows.append(dict(zip(FIELDS, (scene.name, job.rule_text, *numbers, *seconds), strict=True)))
             if progress:
-                progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
-    return list(speeds.values())
+                progress(f"{scene.name} {rule}", len(rows), repeats * len(scenes) * len(rules))
+    return rows
+
+
+def cases(rows: Rows) -> dict[tuple[str, str], np.ndarray]:
+    """Return samples, rays, seconds and those in Embree of each render ``(4, repeats)``, by scene and rule."""
+    renders: dict[tuple[str, str], list[list[float]]] = {}
+    for row in rows:
+        renders.setdefault((row["scene"], row["rule"]), []).append([float(row[field]) for field in FIELDS[2:]])
+    return {case: np.array(numbers).T for case, numbers in renders.items()}
+
+
+def speed_table(rows: Rows) -> list[str]:
+    """Return the lines of the table of speeds: medians over renders, and the range of total over floor."""
+    lines = []
+    for case, (samples, rays, seconds, floor) in cases(rows).items():
+        total, embree, ratios = np.median(seconds), np.median(floor), seconds / floor
+        rates = samples[0] / total / 1e6, rays[0] / total / 1e6, rays[0] / samples[0]
+        lines.append(
+            [
+                *case,
+                *(f"{x:.2f}" for x in (*rates, total, embree, np.median(ratios))),
+                f"{ratios.min():.2f} – {ratios.max():.2f}",
+            ]
+        )
+    return markdown(HEAD, lines)
 
 
 @dataclass(frozen=True)
@@ -215,24 +176,17 @@ def fresh_python(code: str) -> str:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
 
-def floors(speeds: list[Speed]) -> Iterator[Target]:
+def floors(rows: Rows, kind: str, limit: float) -> Iterator[Target]:
     """Total over floor, of the balance heuristic."""
-    for speed in speeds:
-        if speed.rule == "balance":
-            yield Target(f"total / floor, {speed.scene}", statistics.median(speed.ratios), 1.6)
-
-
-def paths(names: list[str], spp: int, repeats: int) -> Iterator[Target]:
-    """The same for path tracing, six surfaces deep, and in the box of colours."""
-    settings = dmis.Settings(integrator="path", max_depth=6)
-    for speed in bench(["cornell", *names], ["balance"], (342, 256), spp, repeats=repeats, settings=settings):
-        yield Target(f"total / floor, paths, {speed.scene}", statistics.median(speed.ratios), 1.8)
+    for (scene, rule), (_, _, seconds, floor) in cases(rows).items():
+        if rule == "balance":
+            yield Target(f"total / floor, {kind}{scene}", float(np.median(seconds / floor)), limit)
 
 
 def threads(names: list[str], spp: int, repeats: int) -> Iterator[Target]:
     """What a second thread brings."""
     for name in names:
-        scene = dmis.load_scene(name, resolution=(342, 256))
+        scene = dmis.load_scene(name, resolution=RESOLUTION)
         gains = []
         for seed in range(repeats):
             one, two = (dmis.render(scene, "balance", spp, seed=seed, parallel=n).seconds["total"] for n in (1, 2))
@@ -267,52 +221,13 @@ def starting(repeats: int) -> Iterator[Target]:
         yield Target(name, value, limit, " s", ratio=False)
 
 
-def write(speeds: list[Speed], targets: list[Target]) -> None:
-    """Write the rows."""
-    renders = [
-        {"scene": s.scene, "rule": s.rule, "samples": s.samples, "rays": sum(s.rays.values())}
-        | {"seconds": f"{seconds:.5g}", "in Embree": f"{floor:.5g}"}
-        for s in speeds
-        for seconds, floor in zip(s.seconds, s.floor, strict=True)
-    ]
-    write_rows(SPEEDS, renders, list(renders[0]))
-    write_rows(
-        TARGETS, [asdict(target) | {"value": f"{target.value:.5g}"} for target in targets], list(asdict(targets[0]))
-    )
-
-
-def read_speeds() -> list[Speed]:
-    """Return the renders of each scene and rule."""
-    speeds: dict[tuple[str, str], Speed] = {}
-    for row in read_rows(SPEEDS):
-        key = row["scene"], row["rule"]
-        speed = speeds.setdefault(key, Speed(*key, 1, int(row["samples"]), {"all": int(row["rays"])}, [], []))
-        speed.seconds.append(float(row["seconds"]))
-        speed.floor.append(float(row["in Embree"]))
-    return list(speeds.values())
-
-
-def read_targets() -> list[Target]:
-    """Return the targets with what was measured."""
-    return [
-        Target(
-            row["name"],
-            float(row["value"]),
-            float(row["limit"]),
-            row["unit"],
-            row["least"] == "True",
-            row["ratio"] == "True",
-        )
-        for row in read_rows(TARGETS)
-    ]
-
-
 def tables() -> dict[str, list[str]]:
     """Return the lines of the blocks."""
-    return {
-        "performance.md: targets": target_table(read_targets()),
-        "performance.md: speed": [*HEADER.split("\n"), *(speed.row() for speed in read_speeds())],
-    }
+    targets = [
+        Target(r["name"], float(r["value"]), float(r["limit"]), r["unit"], r["least"] == "True", r["ratio"] == "True")
+        for r in read_rows(TARGETS)
+    ]
+    return {"performance.md: targets": target_table(targets), "performance.md: speed": speed_table(read_rows(SPEEDS))}
 
 
 def main() -> int:
@@ -324,20 +239,19 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=5)
     given = parser.parse_args()
     names = given.scenes or list(SCENES)
-    speeds = bench(
-        names, given.rules.split(","), (342, 256), given.spp, repeats=given.repeats,
-        progress=show("bench"),
-    )  # fmt: skip
-    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
+    speeds = bench(names, given.rules.split(","), given.spp, given.repeats)
+    print(*speed_table(speeds), sep="\n")
     if given.scenes:
         return 0
-    for s in speeds:
-        parts = time_by_part(s.scene, s.rule, (342, 256), given.spp)
-        print(f"{s.scene}, {s.rule}:", ", ".join(f"{part} {share:.0%}" for part, share in parts.items()), flush=True)
+    for scene, rule in cases(speeds):
+        parts = time_by_part(scene, rule, RESOLUTION, given.spp)
+        print(f"{scene}, {rule}:", ", ".join(f"{part} {share:.0%}" for part, share in parts.items()), flush=True)
+    # paths of six surfaces, and in the box of colours
+    paths = bench(["cornell", *names], ["balance"], given.spp, given.repeats, integrator="path", max_depth=6)
     targets = []
     for group in (
-        floors(speeds),
-        paths(names, given.spp, given.repeats),
+        floors(speeds, "", 1.6),
+        floors(paths, "paths, ", 1.8),
         threads(names, given.spp, given.repeats),
         learning(names),
         memory(),
@@ -346,7 +260,9 @@ def main() -> int:
         for target in group:
             print(target.row(), flush=True)
             targets.append(target)
-    write(speeds, targets)
+    write_rows(SPEEDS, speeds, FIELDS)
+    rows = [asdict(target) | {"value": f"{target.value:.5g}"} for target in targets]
+    write_rows(TARGETS, rows, list(rows[0]))
     failed = [target for target in targets if target.ratio and target.miss > SLACK]
     for target in failed:
         print(f"missed by more than {SLACK - 1:.0%}: {target.name}", file=sys.stderr)

@@ -3,7 +3,7 @@
 Divide the times by `N` for nanoseconds per sample; the groups put side by side what a scene may choose from.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers import warp
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS, Independent
+from dmis.samplers.streams import SAMPLERS
 from dmis.scene.shading_points import ShadingPoints
 from dmis.variance.moments import Moments
 
@@ -61,78 +61,42 @@ def surface(name: str) -> ShadingPoints:
     )  # fmt: skip
 
 
-@pytest.mark.benchmark(group="lobes: value")
-@pytest.mark.parametrize("name", MATERIALS)
-def test_eval(benchmark: Any, name: str) -> None:
-    points = surface(name)
-    assert np.isfinite(benchmark(lambda: points.eval(Directions(points, WI)))).all()
+POINTS = {name: surface(name) for name in MATERIALS}
+ORIGINS = np.zeros((3, N), np.float32)
+IMAGES = {f"{side}, {c} channels": Image(RNG.random((side, side, c))) for side, c in ((64, 3), (1024, 1), (1024, 3))}
+VECTORS: dict[str, Callable[[], Array]] = {
+    "dot": lambda: dot(UP, WI),
+    "normalise": lambda: normalise(WI),
+    "frame": lambda: frame(WI)[0],
+    "atan2": lambda: warp.atan2(WI[1], WI[0]),
+}
 
 
-@pytest.mark.benchmark(group="lobes: density")
-@pytest.mark.parametrize("name", MATERIALS)
-def test_pdf(benchmark: Any, name: str) -> None:
-    points = surface(name)
-    assert benchmark(lambda: points.pdf(Directions(points, WI))).shape == (N,)
-
-
-@pytest.mark.benchmark(group="lobes: direction")
-@pytest.mark.parametrize("name", MATERIALS)
-def test_sample(benchmark: Any, name: str) -> None:
-    points = surface(name)
-    assert benchmark(lambda: points.sample(U)).shape == (3, N)
-
-
-@pytest.mark.benchmark(group="lights: sample")
-@pytest.mark.parametrize("name", LIGHTS)
-def test_light_sample(benchmark: Any, name: str) -> None:
-    points = np.zeros((3, N), np.float32)
-    assert benchmark(lambda: LIGHTS[name].sample(points, U).pdf).shape == (N,)
-
-
-@pytest.mark.benchmark(group="lights: what a direction meets")
-@pytest.mark.parametrize("name", LIGHTS)
-def test_light_hit(benchmark: Any, name: str) -> None:
-    points = np.zeros((3, N), np.float32)
-    assert benchmark(lambda: LIGHTS[name].hit(points, WI).pdf).shape == (N,)
-
-
-@pytest.mark.benchmark(group="warps")
-@pytest.mark.parametrize("name", WARPS)
-def test_warp(benchmark: Any, name: str) -> None:
-    assert benchmark(lambda: WARPS[name](U)).shape[1] == N
-
-
-@pytest.mark.benchmark(group="textures")
-@pytest.mark.parametrize("side, channels", [(64, 3), (1024, 1), (1024, 3)])
-def test_texture(benchmark: Any, side: int, channels: int) -> None:
-    image = Image(RNG.random((side, side, channels)))
-    assert benchmark(lambda: image(U)).shape == (channels, N)
-
-
-@pytest.mark.benchmark(group="vectors")
-@pytest.mark.parametrize("name", ["dot", "normalise", "frame", "atan2"])
-def test_vectors(benchmark: Any, name: str) -> None:
-    call = {
-        "dot": lambda: dot(UP, WI),
-        "normalise": lambda: normalise(WI),
-        "frame": lambda: frame(WI)[0],
-        "atan2": lambda: warp.atan2(WI[1], WI[0]),
-    }[name]
-    assert benchmark(call).shape[-1] == N
-
-
-@pytest.mark.benchmark(group="random numbers")
-@pytest.mark.parametrize("kind", tuple(SAMPLERS))
-def test_random_numbers(benchmark: Any, kind: Any) -> None:
+def numbers(kind: Any) -> Array:
+    """Draw a pair of numbers for each sample of 1,024 pixels."""
     pixels = 1024
     block = PixelBlock(np.random.default_rng(1), 1, np.arange(pixels), [N // pixels], 2)
     sampler = SAMPLERS[kind](block)
     sampler.start(np.tile(np.arange(pixels), N // pixels), np.repeat(np.arange(N // pixels), pixels))
-    assert isinstance(sampler, Independent) == (kind == "independent")
-    assert benchmark(lambda: sampler.draw("camera", None)).shape == (2, N)
+    return sampler.draw("camera", None)
 
 
-@pytest.mark.benchmark(group="film")
-def test_accumulation(benchmark: Any) -> None:
-    samples = RNG.random((32, 3, N // 32), dtype=np.float32)
-    assert benchmark(lambda: Moments.of(samples)).mean.shape == (3, N // 32)
+GROUPS: dict[str, tuple[Iterable[str], Callable[[str], Any]]] = {
+    "lobes: value": (MATERIALS, lambda name: POINTS[name].eval(Directions(POINTS[name], WI))),
+    "lobes: density": (MATERIALS, lambda name: POINTS[name].pdf(Directions(POINTS[name], WI))),
+    "lobes: direction": (MATERIALS, lambda name: POINTS[name].sample(U)),
+    "lights: sample": (LIGHTS, lambda name: LIGHTS[name].sample(ORIGINS, U).pdf),
+    "lights: what a direction meets": (LIGHTS, lambda name: LIGHTS[name].hit(ORIGINS, WI).pdf),
+    "warps": (WARPS, lambda name: WARPS[name](U)),
+    "textures": (IMAGES, lambda name: IMAGES[name](U)),
+    "vectors": (VECTORS, lambda name: VECTORS[name]()),
+    "random numbers": (SAMPLERS, numbers),
+    "film": (["moments"], lambda name: Moments.of(U.reshape(2, 32, -1).swapaxes(0, 1)).mean),
+}
+"""Kernels by group: names, and what is called with each."""
+
+
+@pytest.mark.parametrize("group, name", [(group, name) for group, (names, _) in GROUPS.items() for name in names])
+def test_kernel(benchmark: Any, group: str, name: str) -> None:
+    benchmark.group = group
+    assert np.isfinite(benchmark(GROUPS[group][1], name)).all()
