@@ -205,17 +205,13 @@ def test_area_lights_get_a_surface_that_they_hit(light):
     [
         ("no-such-scene", {}, ValueError, r"ending in \.pbrt, .*or one of the scenes .*: .*got 'no-such-scene'"),
         ("../scenes/tt", {}, ValueError, "a scene must be a file ending in"),
-        ("none.pbrt", {}, FileNotFoundError, r"there is no scene file none\.pbrt"),
         ("scenes/ttt.pbrt", {}, FileNotFoundError, r"ttt\.pbrt, did you mean 'tt\.pbrt'\?"),
         ("none.ply", {}, FileNotFoundError, r"none\.ply"),
         ("", {}, ValueError, "got '.'"),
         (7, {}, ValueError, "source must be a path, a name, a Mesh, or triangles of trimesh; got int"),
         (trimesh.Scene(), {}, ValueError, "must hold triangles"),
         (BOX, {"material": "matte"}, ValueError, "material must be a Material, or a dict of them by name; got str"),
-        (BOX, {"resolution": (0, 3)}, ValueError, "resolution must be 1 to 65535"),
         (BOX, {"lights": EnvironmentLight(np.ones((1, 2, 3)))}, ValueError, "lights must be a list; got one Env"),
-        (BOX, {"fov": "x"}, ValueError, "fov must be a number; got 'x'"),
-        (BOX, {"resolution": 5}, ValueError, "resolution must be two numbers; got 5"),
         ("teapot-area-light", {"resolution": (6.5, 5)}, ValueError, "resolution must be a whole number; got 6.5"),
         (BOX, {"material": {"a": matte()}}, ValueError, r"or geometries of the source, \[''\]; got 'a'"),
     ],
@@ -248,14 +244,6 @@ def test_a_mesh_light_that_is_not_flat_is_seen() -> None:
     scene = Scene(camera, (floor, light_part(lamp)), (lamp,))
     means = [[render(scene, rule, 512, seed=k).image.mean() for k in range(5)] for rule in ("fixed:1", "fixed:0")]
     assert abs(z_score(np.array(means[1]), float(np.mean(means[0])))) < Z_LIMIT
-
-
-def test_a_gltf_file_stands_upright(tmp_path) -> None:
-    """Its y is up: a tower on a slab is seen from above the slab."""
-    tower = trimesh.util.concatenate([trimesh.creation.box((4, 0.1, 4)), trimesh.creation.box((1, 3, 1))])
-    tower.export(tmp_path / "tower.glb")
-    camera = load_scene(tmp_path / "tower.glb").camera
-    assert camera.origin[1] > 1 and abs(camera.to_world[1][0]) < 1e-6  # what is right in the image is level
 
 
 def test_up_of_the_default_camera(tmp_path) -> None:

@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 import pytest
-from helpers import triangle_ply
 
 import dmis
 from dmis.cli.commands import main
@@ -93,19 +92,6 @@ def test_command_line(folders, capsys):
     assert "is outside of the folder" in capsys.readouterr().err
     assert main(["info", str(path), "--allow-outside"]) == 0
     assert "integrator: direct" in capsys.readouterr().out
-
-
-def test_a_mesh_cannot_name_an_image(folders, monkeypatch):
-    """A PLY file may name a texture, which is neither needed nor looked at."""
-    trimesh_open = []
-    inside, beside = folders
-    (inside / "t.ply").write_text(triangle_ply(comment="TextureFile ../beside/a.png"))
-    (beside / "a.png").write_bytes(b"no image")
-    from trimesh.resolvers import FilePathResolver
-
-    monkeypatch.setattr(FilePathResolver, "get", lambda self, name: trimesh_open.append(name) or b"")
-    assert read_pbrt(write(inside, USES["mesh"].format("t"))).parts[0].mesh.triangles == 2
-    assert trimesh_open == []
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no endless file here")

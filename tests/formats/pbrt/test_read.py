@@ -123,22 +123,10 @@ def test_camera_is_left_handed(read):
 
 
 def test_mirrored_camera_is_right_handed(read):
-    camera = read(options='Scale -1 1 1\nLookAt 1 2 3  1 7 3  0 0 1\nCamera "perspective"').camera
+    options = 'Scale -1 1 1\nLookAt 1 2 3  1 7 3  0 0 1\nCamera "perspective" "float halffov" 20'
+    camera = read(options=options).camera
     close(camera.to_world[:3, 0], [1, 0, 0])
-    assert camera.fov == 90
-
-
-@pytest.mark.parametrize(
-    "camera, film, fov, size",
-    [
-        ('"float halffov" [20]', "", 40, (640, 480)),
-        ('"float fov" 30 "float lensradius" 0', '"integer xresolution" 100 "integer yresolution" 50', 30, (100, 50)),
-        ("", '"integer xresolution" 100 "integer yresolution" 50 "float cropwindow" [0 1 0 1]', 90, (100, 50)),
-    ],
-)
-def test_camera_and_film(read, camera, film, fov, size):
-    scene = read(options=f'Film "image" {film}\nCamera "perspective" {camera}')
-    assert (scene.camera.fov, scene.camera.resolution) == (fov, size)
+    assert camera.fov == 40
 
 
 def test_cropwindow(read):
@@ -510,15 +498,6 @@ def test_uv_comes_before_st(read):
     np.testing.assert_array_equal(part.mesh.uv, [[0, 0], [1, 0], [0, 1]])
 
 
-def test_plymesh(read, tmp_path):
-    import trimesh
-
-    trimesh.creation.box().export(tmp_path / "box.ply")
-    (part,) = read('Scale 2 2 2 Shape "plymesh" "string filename" "box.ply"', add="").parts
-    assert part.mesh.triangles == 12
-    assert np.abs(part.mesh.vertices).max() == 1
-
-
 def test_shapes_are_merged_by_material_and_kind(read):
     smooth = TRIANGLE[:-1] + ' "normal N" [0 0 1 0 0 1 0 0 1]\n'
     mapped = TRIANGLE[:-1] + ' "float uv" [0 0 1 0 0 1]\n'
@@ -622,7 +601,6 @@ UNKNOWN, UNUSED = "not used, because it is unknown there: ", "not used, because 
 WARNINGS = [  # a line of the world, which is line 3 of the file, and the warning
     ('Material "matte" "color Kd" [-1 .5 .5]', f"{BELOW}'Kd' of Material (line 3)"),
     (RED, f"{ABOVE}'Kd' of Material (line 3)"),
-    ('Material "plastic" "spectrum Ks" [400 1 700 1]', f"{ABOVE}'Ks' of Material (line 3)"),
     (
         'MakeNamedMaterial "a" "string type" "mirror" "color Kr" [1 1 1.01]',
         f"{ABOVE}'Kr' of MakeNamedMaterial",
@@ -634,14 +612,11 @@ WARNINGS = [  # a line of the world, which is line 3 of the file, and the warnin
     ('Material "shinymetal" "color Ks" [2 2 2]', None),
     ('LightSource "point"', None),
     ('Material "plastic" "float rougness" .5', f"{UNKNOWN}parameter 'rougness' of Material, did you mean 'roughness'?"),
-    ('Material "plastic" "float kd" .5', f"{UNKNOWN}parameter 'kd' of Material, did you mean 'Kd'? (line 3)"),
     ('Material "plastic" "float sheen" .5', f"{UNKNOWN}parameter 'sheen' of Material (line 3)"),
     ('TRIANGLE "string color" "red"', f"{UNKNOWN}parameter 'color' of Shape (line 3)"),
     ('Texture "a" "color" "constant" "float trilinear" 1', f"{UNKNOWN}parameter 'trilinear' of Texture (line 3)"),
     ('LightSource "point" "color LL" [5 5 5]', f"{UNKNOWN}parameter 'LL' of LightSource, did you mean 'I'? (line 3)"),
-    ('LightSource "spot" "color L" [5 5 5]', f"{UNKNOWN}parameter 'L' of LightSource, did you mean 'I'? (line 3)"),
     ('LightSource "distant" "color I" [5 5 5]', f"{UNKNOWN}parameter 'I' of LightSource, did you mean 'L'? (line 3)"),
-    ('AreaLightSource "area" "color I" [5 5 5]', f"{UNKNOWN}parameter 'I' of AreaLightSource, did you mean 'L'?"),
 ]
 
 
@@ -681,30 +656,17 @@ def test_options_that_are_not_used(read):
 BAD_OPTIONS = [
     ('Renderer "sampler"\nIntegrator "path"', 2, "token Integrator: Integrator belongs to v3 and v4"),
     ("LookAt 1 2 3 4 5 6 7 8", 2, "token WorldBegin: LookAt needs 9 numbers; got 8"),
-    ("LookAt 0 0 0  0 0 1  0 0 2", 1, "token LookAt: up must not be parallel"),
     ('Camera "perspective" "integer fov" 60', 1, "parameter 'fov' must be of type float; got integer"),
-    ('Camera "perspective" "float fov" [60 70]', 1, "parameter 'fov' must be one number; got 2"),
     ('Film "image" "integer xresolution" 2.5', 1, "needs whole numbers below 2**31"),
     ("TRIANGLE", 1, "token Shape: Shape must stand between WorldBegin and WorldEnd"),
-    ('Camera "perspective" "float lensradius" -1', 1, "lens_radius must be a number"),
-    ('Camera "perspective" "float lensradius" 1 "float focaldistance" 0', 1, "focal_distance must be a number"),
     ('Camera "perspective" "float frameaspectratio" 1', 1, "must be that of square pixels, [1.33333]"),
     ('Camera "perspective" "float screenwindow" [0 1 0 1]', 1, "'screenwindow' must be that of square pixels,"),
     ('\nCamera "perspective" "float fov" 180', 2, "token Camera: fov must be between 0 and 180"),
     ('Film "exotic"', 1, "the film must be image"),
     ('Film "image" "float cropwindow" [0 1.5 0 1]', 1, "'cropwindow' must be four shares of the image"),
-    ('Film "image" "float cropwindow" [.5 .5 0 1]', 1, "a window must"),
-    ('Film "image" "integer xresolution" 70000', 1, "token Film: resolution must be 1 to 65535"),
-    ('Film "image" "integer xresolution" 60000 "integer yresolution" 60000', 1, "at most 33554432 pixels"),
-    (
-        'PixelFilter "sinc"',
-        1,
-        "kind of a pixel filter must be box or triangle or gaussian",
-    ),
     ('PixelFilter "box" "float xwidth" 0', 1, "radius of a pixel filter must be a number from 1e-06"),
     ('SurfaceIntegrator "volpath"', 1, "the integrator must be directlighting, whitted, path"),
     ('SurfaceIntegrator "directlighting" "string strategy" "none"', 1, "must be all or one; got 'none'"),
-    ('Renderer "aggregatetest"', 1, "the renderer must be sampler or metropolis"),
 ]
 BAD_WORLDS = [
     ("WorldBegn", 1, "did you mean 'WorldBegin'?"),
@@ -712,18 +674,13 @@ BAD_WORLDS = [
     ('"matte"', 1, 'token "matte": a directive is expected'),
     ('\nMaterial "matte', 2, 'token "matte: this string has no end'),
     ('\nMaterial "matte" "color Kd" [1 2 3', 2, "token [: this list has no end"),
-    ('Material "matte" "color Kd" [1 [2] 3]', 1, "token [: this list has no end"),
     ('Material "matte" "color Kd" [1 "a" 3]', 1, "not both"),
     ('Material "matte" "color Kd" [1\n nan 3]', 1, "a number must be finite; nan is too large"),
-    ('Material "matte" "color Kd" [1\n x 3]', 1, "a list holds numbers or quoted strings; got x"),
     ('Material "matte" "color Kd" [1 2_0 3]', 1, "a list holds numbers or quoted strings; got 2_0"),
-    ('Material "matte" "color Kd" [1\n\n 1e 3]', 1, "quoted strings; got 1e"),
     ("Translate 1 nan 3", 1, "token nan: Translate needs 3 numbers"),
     ("Translate 1 1e999 3", 1, "token 1e999: a number must be finite"),
     ("Transform [1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1] TRIANGLE", 1, "must be affine"),
     ("Scale 1 0 1 TRIANGLE", 1, "token Shape: the current transform must be invertible"),
-    ("Scale 1e300 1e300 1e300 Scale 1e300 1 1 TRIANGLE", 1, "token Shape: the current transform must be"),
-    ("Rotate 30 0 0 0", 1, "token Rotate: axis must not be zero"),
     ('CoordSysTransform "x"', 1, "there is no coordinate system 'x' here; there are: 'world'"),
     ("ActiveTransform EndTime", 1, "token EndTime: ActiveTransform must be All"),
     ("Material matte", 1, "token matte: Material needs a kind of material as a string"),
@@ -738,7 +695,6 @@ BAD_WORLDS = [
     ('Material "matte" "bool b" "yes"', 1, 'parameter \'b\' of type bool must be "true" or "false"'),
     ('Material "matte" "spectrum Kd" [400 1 500]', 1, "pairs of wavelength and value; got 3"),
     ('Material "matte" "spectrum Kd" "no.spd"', 1, "there is no file 'no.spd' in"),
-    ('Material "matte" "blackbody Kd" [-3 1]', 1, "must be finite and at least 0 K"),
     ('Include "scene.pbrt"', 1, "a file must not include itself"),
     ("AttributeEnd", 1, "AttributeEnd must close AttributeBegin; nothing is open"),
     ("AttributeBegin\nTransformEnd", 2, "must close TransformBegin; AttributeBegin of line 3 is open"),
@@ -747,48 +703,33 @@ BAD_WORLDS = [
     ("TRIANGLE\nWorldEnd\nIdentity", 3, "token Identity: nothing may follow WorldEnd"),
     ('Volume "homogeneous"', 1, "volumes are not supported"),
     ('Material "velvet"', 1, 'token "velvet": a material must be matte, plastic, metal'),
-    ('Material "metal" "float roughness" -1', 1, "parameter 'roughness' must not be negative"),
     ('Material "glass" "float index" 0', 1, "parameter 'index' must be positive"),
     ('MakeNamedMaterial "x"', 1, 'needs the parameter "string type", which is missing'),
-    ('Texture "x" "point" "constant"', 1, 'token "point": the type of a texture must be float, color'),
     ('Texture "x" "color" "checkerboard" "integer dimension" 3', 1, "'dimension' must be 2"),
     ('Texture "x" "color" "imagemap"', 1, 'needs the parameter "string filename"'),
     ('Texture "x" "color" "imagemap" "string filename" "a.png"', 1, "images of pbrt-v2 must be EXR, TGA, PFM"),
     ('Texture "x" "color" "imagemap" "string filename" "bad.exr"', 1, "cannot read"),
     ('Texture "x" "color" "imagemap" "string mapping" "planar"', 1, "mapping must be uv"),
-    ('Texture "x" "color" "imagemap" "string wrap" "mirror"', 1, "wrap must be repeat, black or clamp"),
     ('LightSource "goniometric"', 1, "a light must be point, spot, distant or infinite"),
     ('LightSource "point" "color I" [-1 0 0]', 1, "intensity must be finite, not negative"),
-    ('LightSource "distant" "point to" [0 0 0]', 1, "direction must not be zero"),
-    ('LightSource "spot" "float coneangle" 300', 1, "outer <= 180 degrees"),
     ('Scale 1 2 1 LightSource "spot"', 1, "a spot light must not be stretched"),
-    ('Scale 1 2 1 LightSource "infinite"', 1, "an infinite light must not be stretched"),
-    ('AreaLightSource "spot"', 1, "an area light must be area"),
     ('AreaLightSource "area" "color L" [-1 1 1]', 1, "must not be negative"),
     ('LAMP Scale 1 2 1 Shape "disk"', 2, "a disk that emits must not be stretched"),
     ('LAMP Shape "disk" "float innerradius" .5', 2, "a disk that emits must be whole"),
     ('LAMP Shape "sphere" "float zmin" 0', 2, "a sphere that emits must be whole"),
-    ('LAMP Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0  1 0 0  2 0 0]\n', 2, "a mesh light must"),
     ('ObjectBegin "a" LAMP TRIANGLE\n', 2, "a shape in an object must not emit"),
     ('Shape "trianglemesh" "integer indices" [0 1 2]', 1, 'needs the parameter "point P"'),
     ('Shape "trianglemesh" "point P" [0 0 0]', 1, 'needs the parameter "integer indices"'),
     ('Shape "trianglemesh" "integer indices" [0 1 3] POINTS\n', 1, "indices must be from 0 to 2, the last point; got"),
-    ('Shape "trianglemesh" "integer indices" [0 1 -1] POINTS\n', 1, "indices must be from 0 to 2, the last point; got"),
     ('TRIANGLE"normal N" [0 0 1]', 1, "each of the 3 points needs one N; got 1"),
-    ('TRIANGLE"float uv" [0 0 1 1]', 1, "each of the 3 points needs one uv; got 2"),
     ('LAMP TRIANGLE"float alpha" 0', 2, "a shape that emits must not have alpha"),
     ('Material "matte" TRIANGLE "color Kd" [.2 .2 .2]', 1, "must stand in a Material line before the shape"),
     ('TRIANGLE"vector S" [1 0 0]', 1, "this is not supported; remove the parameter"),
-    ('Shape "loopsubdiv" "point P" [0 0 0 1 0 0 0 1 0] "integer indices" [0 1 2 0 1 2]', 1, 'token "loopsubdiv":'),
     ('Shape "loopsubdiv" "integer indices" [0 1 2] POINTS"string scheme" "x"', 1, "must be loop; got"),
     ('Shape "sphere" "float radius" -1', 1, 'token "sphere": radius must be positive'),
-    ('Shape "disk" "float innerradius" 2', 1, "innerradius must be at least 0 and less than"),
-    ('Shape "cylinder" "float phimax" 0', 1, "phimax must be above 0"),
     ('Shape "plymesh" "string filename" "bad.ply"', 1, "cannot be read as PLY"),
     ('ObjectInstance "x"', 1, "there is no object 'x' here; there are: none"),
-    ('ObjectBegin "a" ObjectBegin "b"', 1, "must not be defined within another"),
     ('ObjectBegin "a" ObjectInstance "a"', 1, "an object must not hold instances"),
-    ('ObjectBegin "a"', 3, "token WorldEnd: ObjectBegin of line 3 is still open"),
 ]
 
 
@@ -810,10 +751,8 @@ def test_bad_input(read, tmp_path, text, line, message):
     "text, message",
     [
         ("", ":1: token end of file: WorldBegin is missing"),
-        ("# nothing\n", ":2: token end of file: WorldBegin is missing"),
         ("WorldBegin\n" + TRIANGLE, ":3: token end of file: WorldEnd is missing"),
         ("WorldBegin\nWorldEnd\n", ":2: token WorldEnd: a scene needs at least one part"),
-        ("WorldBegin\nTranslate 1", ":2: token end of file: Translate needs 3 numbers; got 1"),
         ("\x00\x01\x7fELF", ":1: token at the beginning: the file is UTF-16 or binary; it must be text"),
         ("\x01\x7fELF", ":1: token \x01\x7fELF: a directive is expected"),
     ],
@@ -876,22 +815,6 @@ def test_original_scenes(original, name, parts, lights):
     assert [(part.mesh.triangles, part.material.name) for part in scene.parts] == parts
     assert [type(light) for light in scene.lights] == lights
     assert scene.name == name
-
-
-def test_original_teapot_numbers(original):
-    scene, _ = original("teapot-area-light")
-    disk, point = scene.lights
-    close(disk.centre, (2, -4, 4))
-    close(disk.normal, (0, np.sqrt(3) / 2, -1 / 2))
-    np.testing.assert_allclose(point.position, scene.camera.origin[:, 0], rtol=1e-6)
-    assert scene.plan.headlights == {0}  # among the deltas
-
-
-def test_original_grid_is_one_image(original):
-    scene, _ = original("killeroo-diffuse")
-    image = scene.parts[1].material.lobes[0].reflectance
-    assert image.texels.shape == (1024, 1024, 1)
-    np.testing.assert_allclose(np.unique(image.texels), [0.0392, 0.4607], atol=1e-3)
 
 
 def test_original_filter(pbrt_scenes):

@@ -4,15 +4,10 @@ import re
 from pathlib import Path
 from time import process_time
 
-import numpy as np
 import pytest
-import trimesh
-from PIL import Image
 
-import dmis
 from dmis.formats.pbrt.dialect import DIALECTS
 from dmis.formats.pbrt.lights import LIGHTS
-from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.options import CAMERAS
 from dmis.formats.pbrt.pbrt_materials import MATERIALS
 from dmis.formats.pbrt.pbrt_shapes import SHAPES
@@ -76,63 +71,6 @@ def test_a_broken_line_ends_the_list(tmp_path):
     assert summary.endswith("before the file can be read; reading stopped at the last one, so more may follow")
     *lines, _ = refusal(tmp_path, 'WorldBegin Material "interface" Material "" WorldEnd')
     assert len(lines) > 1 and all("only bounds a medium is not supported" in line for line in lines)
-
-
-ROOM = """Integrator "mlt" "integer maxdepth" [ 20 ]
-Transform [ 1 0 0 0 0 1 0 0 0 0 -1 0 0 -1 5 1 ]
-Sampler "sobol" "integer pixelsamples" [ 64 ]
-PixelFilter "triangle" "float xradius" [ 1 ] "float yradius" [ 1 ]
-Film "rgb" "string filename" [ "room.png" ] "integer yresolution" [ 9 ] "integer xresolution" [ 16 ]
-Camera "perspective" "float fov" [ 36 ]
-WorldBegin
-Texture "a" "spectrum" "imagemap" "string filter" "trilinear" "string filename" [ "textures/wood.tga" ]
-Texture "b" "spectrum" "checkerboard" "rgb tex1" [ .3 .3 .2 ] "rgb tex2" [ .7 .7 .6 ] "float uscale" [ 20 ]
-Texture "c" "float" "imagemap" "string filter" "trilinear" "string filename" [ "textures/wood.tga" ]
-MakeNamedMaterial "Floor" "string type" [ "coateddiffuse" ] "bool remaproughness" [ false ] "float vroughness" [ .1 ]
-    "float uroughness" [ .1 ] "texture reflectance" [ "a" ]
-MakeNamedMaterial "Wall" "string type" [ "diffuse" ] "texture reflectance" [ "b" ]
-MakeNamedMaterial "Steel" "string type" [ "conductor" ] "bool remaproughness" [ false ] "float vroughness" [ .25 ]
-    "float uroughness" [ .25 ] "rgb k" [ 9.2 6.3 4.8 ] "rgb eta" [ 1.7 .9 .5 ] "texture displacement" [ "c" ]
-MakeNamedMaterial "Mirror" "string type" "conductor" "float roughness" [ 0 ] "spectrum eta" [ "metal-Ag-eta" ]
-    "spectrum k" [ "metal-Ag-k" ]
-MakeNamedMaterial "Glass" "string type" [ "dielectric" ] "float eta" [ 1.5 ] "bool remaproughness" [ false ]
-MakeNamedMaterial "Shade" "string type" [ "diffusetransmission" ] "rgb reflectance" [ .3 .3 .3 ]
-MakeNamedMaterial "Varnish" "string type" [ "mix" ] "string materials" [ "Floor" "Mirror" ] "float amount" [ .2 ]
-AttributeBegin
-    Transform [ 0 0 1 0 1 0 0 0 0 1 0 0 0 0 0 1 ]
-    LightSource "infinite" "string filename" "textures/sky.pfm"
-AttributeEnd
-AttributeBegin
-    AreaLightSource "diffuse" "rgb L" [ 100 90 80 ]
-    Material "diffuse" "rgb reflectance" [ 0 0 0 ]
-    Translate 0 0 2
-    Shape "disk" "float radius" [ .1 ]
-    Transform [ 1 0 0 0 0 1 0 0 0 0 1 0 -2 1 -1 1 ]
-    Shape "sphere" "float radius" [ .2 ]
-AttributeEnd
-"""
-
-
-def test_files_of_the_field_load(tmp_path):
-    """The words of the rooms that papers use, with a leaf cut by alpha: warnings name the filter of textures only."""
-    (tmp_path / "textures").mkdir()
-    pixels = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
-    Image.fromarray(pixels).save(tmp_path / "textures/wood.tga")
-    (tmp_path / "textures/sky.pfm").write_bytes(b"PF\n8 8\n-1.0\n" + np.full(192, 0.5, "<f4").tobytes())
-    trimesh.creation.icosphere(1).export(tmp_path / "ball.ply")
-    names = ["Floor", "Wall", "Steel", "Mirror", "Glass", "Shade", "Varnish"]
-    quad = 'Shape "trianglemesh" "point3 P" [ 0 0 0 1 0 0 1 1 0 0 1 0 ] "integer indices" [ 0 1 2 0 2 3 ]'
-    quad += '"normal N" [ 0 0 1 0 0 1 0 0 1 0 0 1 ] "point2 uv" [ 0 0 1 0 1 1 0 1 ]'
-    shapes = [f'NamedMaterial "{name}" {quad}' for name in names]
-    ball = 'NamedMaterial "Glass" Shape "plymesh" "string filename" [ "ball.ply" ]'
-    (tmp_path / "room.pbrt").write_text("\n".join([ROOM, *shapes, f'{quad} "texture alpha" "c"', ball]))
-    with pytest.warns(PbrtWarning) as caught:
-        scene = read_pbrt(tmp_path / "room.pbrt")
-    texts = sorted(str(warning.message).partition(": ")[2] for warning in caught if warning.category is PbrtWarning)
-    named = ["'filter' of Texture (line 8 and 1 more)", "parameter 'filename' of Film (line 5)"]
-    assert [text.partition(": ")[2] for text in texts] == named
-    assert len(scene.lights) == 3 and len(scene.parts) == 2 + len(names) + 2
-    assert np.isfinite(dmis.render(scene, "balance", 1, parallel=1).image).all()
 
 
 def names_in(page, row, dialect):
