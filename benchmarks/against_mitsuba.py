@@ -16,9 +16,8 @@ Mitsuba ``LLVM``: a sampler, lights picked evenly or by power, an environment ma
 All lights of the scene shine; Mitsuba picks one for each sample, dmis samples all. First every set-up of Mitsuba
 renders with two seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's
 independent sampler gets as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others
-the nearest number that they allow. Renders are kept in the cache folder of dmis: an interrupted run is resumed, and the
-turns are taken again when dmis, the rules or the samplers have changed. ``--tables paths`` has the same by paths. Rows
-go to docs/tables, from which `show_mitsuba` makes the tables; remove a file to measure again.
+the nearest number that they allow. ``--tables paths`` has the same by paths. Rows go to docs/tables, from which
+`show_mitsuba` makes the tables; a scene that has rows is not measured again.
 
 Needs ``pip install mitsuba``; the LLVM columns also an LLVM library that it can find (Debian: libllvm19).
 """
@@ -49,12 +48,9 @@ from show_mitsuba import DEFAULT as OVER_DEFAULT
 from show_mitsuba import ERROR_FIELDS, ERRORS, PATHS, SPEED, SPEED_FIELDS
 
 import dmis
-from dmis.base.atomic_files import replacing
 from dmis.experiment.convergence import MEASURES, Measure
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
-from dmis.experiment.reference import cache_folder
 from dmis.light.environment import EnvironmentLight
-from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 
 FILES = {"speed": SPEED, "errors": ERRORS, "paths": PATHS}
 """Rows of each table."""
@@ -224,36 +220,11 @@ def pixel_errors(image: np.ndarray, reference: dmis.Reference, measure: Measure)
     return (difference / (np.square(reference.mean) + 0.01)).mean(axis=2)
 
 
-def take_turns(about: Any, contestants: Mapping[str, Contestant], seeds: Iterable[int]) -> Turns:
-    """Return renders of all contestants with each seed, those of finished seeds from the cache.
-
-    Parameters
-    ----------
-    about
-        What the renders depend on, beside names and samples.
-    contestants
-        By name.
-    """
-    folder = cache_folder() / "mitsuba" / digest([about, [(name, spp) for name, (_, spp) in contestants.items()]])
-    folder.mkdir(parents=True, exist_ok=True)
-    turns = []
-    for seed in seeds:
-        path = folder / f"{seed}.npz"
-        if not path.exists():
-            results = [timed(make(), spp, seed) for make, spp in contestants.values()]
-            images, seconds = zip(*results)
-            with replacing(path) as temporary, open(temporary, "wb") as file:
-                np.savez(file, images=np.array(images, np.float32), seconds=np.array(seconds)[:, 1])
-        with np.load(path) as stored:
-            turns.append((stored["images"], stored["seconds"]))
-    images, seconds = (np.stack(x, axis=1) for x in zip(*turns))
-    return Turns(dict(zip(contestants, images)), dict(zip(contestants, seconds)))
-
-
-def mitsuba_key(scene: dmis.Scene) -> list[Any]:
-    """Return what Mitsuba's renders depend on."""
-    sources = [(ROOT / "benchmarks" / name).read_text("utf-8") for name in ("mitsuba_scene.py", "mitsuba_lobes.py")]
-    return [mi.__version__, fingerprint(scene), list(scene.camera.resolution), sources]
+def take_turns(contestants: Mapping[str, Contestant], seeds: Iterable[int]) -> Turns:
+    """Return renders of all contestants, by name, with each seed."""
+    turns = [[timed(make(), spp, seed) for make, spp in contestants.values()] for seed in seeds]
+    images, seconds = (np.stack([[one[k] for one in of_seed] for of_seed in turns], axis=1) for k in (0, 1))
+    return Turns(dict(zip(contestants, images)), dict(zip(contestants, seconds[..., 1])))
 
 
 def screen(
@@ -264,19 +235,18 @@ def screen(
     By each measure these are the best with lights picked evenly, the best with lights picked by power or evenly, and
     the best of all, which may have `mis_compensation`; often some of them are the same.
     """
-    about = [*mitsuba_key(scene), depth]
     first = range(SCREENING_SEED, SCREENING_SEED + 2)
     pair: dict[str, Contestant] = {
         "dmis": (lambda: ours(scene, "balance", "sobol", depth), spp),
         str(DEFAULT): (lambda: theirs(scene, depth=depth), spp),
     }
-    seconds = {name: np.median(x) for name, x in take_turns(about, pair, first).seconds.items()}
+    seconds = {name: np.median(x) for name, x in take_turns(pair, first).seconds.items()}
     equal_time = max(1, round(spp * seconds["dmis"] / seconds[str(DEFAULT)]))
     contestants: dict[Setup, Contestant] = {
         setup: (partial(theirs, scene, setup=setup, depth=depth), mitsuba_scene.nearest_spp(setup.sampler, equal_time))
         for setup in setups(scene)
     }
-    turns = take_turns(about, {str(setup): x for setup, x in contestants.items()}, first)
+    turns = take_turns({str(setup): x for setup, x in contestants.items()}, first)
     best = []
     for measure in MEASURES:
         costs = {setup: turns.cost(str(setup), reference, measure) for setup in contestants}
@@ -301,7 +271,7 @@ def compare_errors(
     contestants, anchors = screen(scene, spp, depth, reference)
     for rule in {*RULES, *RULES.values()}:
         contestants[rule] = (partial(ours, scene, rule, "sobol", depth), spp)
-    turns = take_turns([mitsuba_key(scene), depth, package_hash()], contestants, range(1, seeds + 1))
+    turns = take_turns(contestants, range(1, seeds + 1))
     noise = reference.mse / min(float(turns.errors(name, reference, "mse").mean()) for name in contestants)
     rows: list[dict[str, object]] = []
     for anchor in anchors:

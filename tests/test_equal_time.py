@@ -12,18 +12,10 @@ from helpers import run
 def test_equal_time_follows_the_line_of_the_baseline(seconds: float) -> None:
     """The baseline's error falls as T^-3/2: a rule with a quarter of it at its own time has the ratio 1/4."""
     baseline = [[run("balance", n, k, n / 2, (n / 2) ** -1.5) for k in range(2)] for n in (2, 8, 16)]  # CPU seconds: n
-    rule = [run("auto", 8, k, seconds / 2, seconds**-1.5 * 2**1.5 / 4) for k in range(2)]
+    rule = [replace(run("auto", 8, k, seconds / 2, seconds**-1.5 * 2**1.5 / 4), relmse=9.0) for k in range(2)]
     value, low, high = equal_time_ratio(rule, baseline)
     assert (value, low, high) == pytest.approx((0.25,) * 3)
     assert equal_time_ratio(rule, baseline[:1]).value == pytest.approx(0.25 * (seconds / 2) ** -0.5)
-
-
-def test_equal_time_of_either_measure() -> None:
-    """The rule's relMSE is five times its MSE, the baseline's equal: so the ratio is five times as large."""
-    baseline = [[run("balance", n, k, n / 2, 1 / n) for k in range(2)] for n in (2, 8)]
-    rule = [replace(run("auto", 4, k, 2.0, 0.1), relmse=0.5) for k in range(2)]
-    ratios = [equal_time_ratio(rule, baseline, measure).value for measure in ("mse", "relmse")]
-    assert ratios == pytest.approx([0.4, 2.0])
 
 
 def test_equal_time_intervals_hold_the_truth() -> None:
