@@ -2,18 +2,15 @@
 What a cluster costs
 ====================
 
-Measures what docs/cluster.md says of many workers: bytes of a scene, of a tile and of its result; seconds to render a
-tile and to merge it; tasks that Dask's scheduler handles; and whole renders on one and two worker processes of this
-machine. Takes a minute or two; nothing else should run meanwhile. Rows go to docs/tables/cluster.csv, from which
-`tables` and `sentences` are made.
+Measures what docs/cluster.md says of many workers: seconds of a tile, tasks that Dask's scheduler handles, and whole
+renders on one and two worker processes of this machine. Takes a minute or two; nothing else should run meanwhile. Rows
+go to docs/tables/cluster.csv, from which `tables` and `sentences` are made.
 """
 
 from __future__ import annotations
 
 import argparse
-import pickle
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,17 +23,12 @@ from common import ROOT
 from rows import markdown, read_rows, write_rows
 
 import dmis
-from dmis.fit.rule import next_round
-from dmis.pipeline.checkpoint import Store
-from dmis.pipeline.executor import _send
-from dmis.pipeline.job import resolve
-from dmis.pipeline.passes import Passes
-from dmis.pipeline.tile import Tile, make_tiles, render_tile
-from dmis.variance.moments import Film
 
 CSV = ROOT / "docs" / "tables" / "cluster.csv"
 FIELDS = ("quantity", "value")
 SCENE, RULE, SPP = "killeroo-diffuse", "auto", 128
+TILE = 32
+"""Pixels of a side of a tile of the final pass."""
 STAGES = ("total", "pilot", "fit", "render")
 RENDERS = {"thread": "1 thread, no cluster", "1 worker": "1 worker process", "2 workers": "2 worker processes"}
 """Renders, and what the table calls them."""
@@ -47,14 +39,9 @@ def measure(size: tuple[int, int], tasks: int) -> Iterator[tuple[str, float]]:
     from distributed import Client, LocalCluster
 
     scene = dmis.load_scene(SCENE, size)
-    alone, finals = dmis.render(scene, RULE, SPP, parallel=1), final_tiles(scene)
+    alone = dmis.render(scene, RULE, SPP, parallel=1)
     yield from of_render("thread", alone)
-    yield "seconds of a tile", alone.seconds["render"] / len(finals)
-    yield "seconds to merge a tile", merge_seconds(scene, finals, file=False)
-    yield "seconds to merge a tile with a checkpoint", merge_seconds(scene, finals, file=True)
-    yield "kB of a tile", len(pickle.dumps(finals[-1])) / 1e3
-    yield "kB of its result", len(pickle.dumps(render_tile(scene, finals[-1]))) / 1e3
-    yield "MB of the scene", len(pickle.dumps(scene)) / 1e6
+    yield "seconds of a tile", alone.seconds["render"] / (size[0] / TILE * size[1] / TILE)
     for workers in (1, 2):
         with (
             LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
@@ -70,42 +57,12 @@ def measure(size: tuple[int, int], tasks: int) -> Iterator[tuple[str, float]]:
                 for future in [executor.submit(int, k) for k in range(tasks)]:
                     future.result()
                 yield "tasks per second", tasks / (time.perf_counter() - begin)
-                begin = time.perf_counter()
-                sent = _send(executor, scene)
-                yield "seconds to send the scene to 2 workers", time.perf_counter() - begin
-                del sent
 
 
 def of_render(name: str, result: dmis.Result) -> Iterator[tuple[str, float]]:
     """Yield the seconds of the stages of a render."""
     for stage in STAGES:
         yield f"{name}: {stage}", result.seconds[stage]
-
-
-def final_tiles(scene: dmis.Scene) -> list[Tile]:
-    """Return the tiles of the final round."""
-    job = resolve(scene, RULE, SPP, 0, dmis.Settings())
-    rounds, film = job.rule.rounds(job.budget), None
-    with Passes(job, 1) as passes:
-        while (round_ := next_round(rounds, film)) is not None:
-            tiles = make_tiles(scene.camera.resolution, job.seed, 1, round_)
-            film = passes.render(round_)
-    return tiles
-
-
-def merge_seconds(scene: dmis.Scene, tiles: list[Tile], file: bool) -> float:
-    """Return the seconds to merge one of `tiles` into the film, and to append it to a checkpoint if `file`."""
-    tile, part = tiles[0], render_tile(scene, tiles[0])
-    with tempfile.TemporaryDirectory() as folder:
-        store = Store(Path(folder) / "checkpoint", {})
-        film = Film(SPP, *np.zeros((2, *scene.camera.resolution[::-1], 3), np.float32))
-        begin = time.perf_counter()
-        for _ in range(100):
-            if file:
-                store.append(tile, part)
-            film.merge(part, tile.area)
-        seconds = (time.perf_counter() - begin) / 100
-    return seconds
 
 
 def values() -> dict[str, float]:
