@@ -1,7 +1,6 @@
 """glTF files: each feature and each habit of exporters against the same scene made by hand."""
 
 import re
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -472,19 +471,6 @@ def test_what_is_left_out_is_named(tmp_path):
         "extension KHR_materials_sheen",
     }
     assert len(caught) == 1 and caught[0].filename == __file__
-
-
-@pytest.mark.parametrize(
-    "tangent, named", [((1, 0, 0, 1), False), ((1, 0.3, 0, 1), False), ((1, 0, 0, -1), True), ((0, 1, 0, 1), True)]
-)
-def test_tangents_that_are_not_those_of_texture_coordinates(tmp_path, tangent, named):
-    file = File()
-    material = {"normalTexture": {"index": file.texture(PIXELS)}}
-    file.mesh(material, NORMAL=np.float32([[0, 0, 1]] * 4), TANGENT=np.float32([tangent] * 4))
-    with warnings.catch_warnings(record=True, action="always") as caught:
-        file.load(tmp_path)
-    text = "left out: tangents (normal maps lean along texture coordinates)"
-    assert [text in str(one.message) for one in caught] == [True] * named
 
 
 @pytest.mark.parametrize(

@@ -199,8 +199,8 @@ class Gltf:
         self, primitive: dict[str, Any], weights: Sequence[float], matrix: Floats, texture_set: int, turn: Any
     ) -> tuple[Mesh, Floats | None]:
         """Return the triangles of a primitive moved by `matrix`, and the colours of their vertices."""
-        names = "POSITION", "NORMAL", f"TEXCOORD_{texture_set}", "COLOR_0", "TANGENT"
-        vertices, given, uv, colours, tangents = (self._attribute(primitive, name, weights) for name in names)
+        names = "POSITION", "NORMAL", f"TEXCOORD_{texture_set}", "COLOR_0"
+        vertices, given, uv, colours = (self._attribute(primitive, name, weights) for name in names)
         index = self.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
         faces = _triangles(index, primitive.get("mode", _TRIANGLES))
         linear = matrix[:3, :3]
@@ -210,8 +210,6 @@ class Gltf:
         if given is not None and np.linalg.cond(linear) < 1e12:  # else it is flat, and so are its normals
             normals = repair_normals(vertices, faces, given) @ np.linalg.inv(linear)
         if uv is not None:
-            if tangents is not None and not self.model.bare and _are_apart(tangents, vertices, uv, faces):
-                self.model.unread["tangents (normal maps lean along texture coordinates)"] += 1
             uv = (uv if turn is None else uv @ turn.T) * (1, -1) + (0, 1)
         return Mesh(world, faces[:, ::-1] if mirrored else faces, normals, uv), colours
 
@@ -234,22 +232,6 @@ def _triangles(index: Any, mode: int) -> Any:
     k = np.arange(len(index) - 2)[:, None]
     strip = k + np.where(k % 2, (0, 2, 1), (0, 1, 2))
     return index[{_TRIANGLES: k[::3] + (0, 1, 2), _STRIP: strip, _FAN: np.hstack([k + 1, k + 2, 0 * k])}[mode]]
-
-
-def _are_apart(tangents: Any, vertices: Any, uv: Any, faces: Any) -> bool:
-    """Return whether tangents are not those of texture coordinates, on more than a tenth of the faces.
-
-    `tangents` are ``(V, 4)``, dp/du and the side of dp/dv: 1, if v runs down where the normal is up. They may be up to
-    45 degrees off, because exporters interpolate them between faces. `vertices` are ``(V, 3)``, `uv` ``(V, 2)``, as in
-    the file, and `faces` ``(F, 3)``.
-    """
-    *axis, side = tangents[faces].sum(axis=1).T
-    (a, b), (s, t) = ((x[faces[:, 1:]] - x[faces[:, :1]]).transpose(1, 2, 0) for x in (vertices, uv))
-    area = s[0] * t[1] - s[1] * t[0]
-    dpdu = np.sign(area) * (t[1] * a - s[1] * b)  # up to its length
-    far = (axis * dpdu).sum(axis=0) < 0.7 * np.linalg.norm(axis, axis=0) * np.linalg.norm(dpdu, axis=0)
-    wrong = (far | (side * area > 0)) & (area != 0)  # v runs down
-    return bool(wrong.mean() > 0.1)
 
 
 def _local(node: dict[str, Any]) -> Floats:

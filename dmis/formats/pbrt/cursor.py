@@ -9,8 +9,7 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import SAME_TYPE
-from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, Parameter
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, Parameters
 from dmis.formats.pbrt.tokens import Source, Token, either, is_number, tokens_of, values_of
 
 _WORDS = ("bool", "string", "texture")

@@ -13,8 +13,7 @@ import numpy as np
 from dmis.base.color import Rgb
 from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array, Floats
-from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, rgb
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters, rgb
 from dmis.formats.pbrt.textures import image
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.light.delta import DistantLight, PointLight, SpotLight

@@ -17,8 +17,7 @@ from dmis.brdf.fresnel import ExactConductor
 from dmis.brdf.materials import Material, assemble
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image, scale
-from dmis.formats.pbrt.parameter import rgb
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import Parameters, rgb
 from dmis.formats.pbrt.spectra import SPECTRA
 
 _V3_ALPHA = 0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142

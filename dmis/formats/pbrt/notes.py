@@ -10,8 +10,7 @@ from contextlib import contextmanager
 
 from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.dialect import IRRELEVANT
-from dmis.formats.pbrt.parameter import SPECTRUM_TYPES
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters
 from dmis.formats.pbrt.tokens import PbrtError, Source, Token
 from dmis.scene.scene import SceneWarning
 

@@ -147,7 +147,7 @@ def make_camera(reader: Reader) -> Camera:
     size = film.integer("xresolution", wide), film.integer("yresolution", high)
     film.refuse("pixelbounds is not supported; use cropwindow", "pixelbounds")
     film.require(reader.dialect.required.get("Film", {}))
-    crop = film.table("cropwindow", "float", 4)
+    crop = film.table("cropwindow", 4, "float")
     if reader.resolution is None:
         with blame(film.directive):
             Camera(np.eye(4), 90.0, size)
@@ -184,7 +184,7 @@ def make_camera(reader: Reader) -> Camera:
 def _window(p: Parameters, ratio: float) -> float:
     """Return the factor by which the screen window is larger than that of an image of the aspect `ratio`."""
     square = np.array([-max(ratio, 1), max(ratio, 1), -max(1 / ratio, 1), max(1 / ratio, 1)])
-    aspect, window = p.table("frameaspectratio", "float", 1), p.table("screenwindow", "float", 4)
+    aspect, window = p.table("frameaspectratio", 1, "float"), p.table("screenwindow", 4, "float")
     if aspect is not None and not np.isclose(aspect[0, 0], ratio, rtol=1e-6):
         raise p.items["frameaspectratio"].error(f"must be that of square pixels, [{ratio:g}]")
     factor = 1.0 if window is None else float(window[0, 3] / square[3])

@@ -1,4 +1,4 @@
-"""Parameters of a directive: their values by type, the textures that they name, and which of them were read."""
+"""Parameters of a directive: their values by type, as colours, and as textures; and which of them were read."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dmis.base.color import Rgb
+from dmis.base.color import Rgb, read_spd, spectrum_to_rgb, xyz_to_rgb
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
-from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, Parameter, rgb
-from dmis.formats.pbrt.spectra import GLASSES
-from dmis.formats.pbrt.tokens import Token, either
+from dmis.formats.pbrt.spectra import GLASSES, SPECTRA, luminous
+from dmis.formats.pbrt.tokens import PbrtError, Token, blame, either
 
+SPECTRUM_TYPES = ("color", "rgb", "xyz", "blackbody", "spectrum")
+"""Types of parameters whose values are spectra."""
 Textures = Mapping[tuple[str, str], Any]
 """Textures by their type, "float" or "color", and their name."""
 BRIGHT = "reflectance above 1, which adds light, taken as it is, as pbrt does"
@@ -28,6 +29,61 @@ BRIGHT_REFLECTANCE = 1.001
 """Reflectance above which a warning names the parameter; it is above 1 because spectra of 1 are rounded."""
 DARK_REFLECTANCE = -0.001
 """Reflectance below which a warning names the parameter; it is below 0 because spectra are rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """A parameter as written; its values are numbers ``(n,)`` or strings, depending on its type.
+
+    `token` is its declaration, for errors, and `directive` is the line that it stands in.
+    """
+
+    kind: str
+    name: str
+    values: Floats | tuple[str, ...]
+    token: Token
+    directive: Token
+
+    @property
+    def numbers(self) -> Floats:
+        """Values of a parameter whose type is numeric."""
+        assert isinstance(self.values, np.ndarray)
+        return self.values
+
+    def error(self, rule: str) -> PbrtError:
+        """Return the error that the parameter breaks a rule: "must be positive; got 0"."""
+        return self.token.error(f"parameter {self.name!r} {rule}")
+
+    def single(self, count: int = 1) -> Sequence[Any]:
+        """Return the values of a parameter that must hold `count` of them."""
+        if len(self.values) != count:
+            what = ("string" if isinstance(self.values, tuple) else "number") + "s" * (count > 1)
+            raise self.error(f"must be {'one' if count == 1 else count} {what}; got {len(self.values)}")
+        return self.values if isinstance(self.values, tuple) else self.values.tolist()
+
+    def colour(self, light: bool = False) -> Rgb:
+        """Return the linear RGB of a spectrum, of any of `SPECTRUM_TYPES`, of a surface or a `light`.
+
+        In v4 a light's spectrum is brought to luminance 1, unless it is of type rgb.
+        """
+        spectra = SPECTRA[self.token.dialect]
+        luminance = light and self.kind == "spectrum" and self.token.dialect == "v4"
+        sampled = spectrum_to_rgb if luminance else spectra.sampled
+        with blame(self.token):
+            if isinstance(self.values, tuple):
+                (name,), named = self.values, spectra.named()
+                if named and "." not in name:
+                    rgb = self.token.find("spectrum of the name", name, named)
+                else:
+                    rgb = sampled(*read_spd(self.token.file(name)))
+            elif self.kind == "spectrum":
+                rgb = sampled(self.values[::2], self.values[1::2])
+            elif self.kind == "blackbody":
+                rgb = spectra.blackbody(*self.values.tolist())
+            else:
+                rgb = xyz_to_rgb(self.values) if self.kind == "xyz" else self.values.tolist()
+            r, g, b = luminous(rgb) if luminance else rgb
+        return r, g, b
 
 
 @dataclass(eq=False)
@@ -107,12 +163,12 @@ class Parameters:
         parameter = self.get(name, "point")
         return np.array(default if parameter is None else parameter.single(3))
 
-    def table(self, name: str, kinds: str | tuple[str, ...], columns: int, rows: int | None = None) -> Floats | None:
+    def table(self, name: str, columns: int, *kinds: str, rows: int | None = None) -> Floats | None:
         """Return the numbers of the parameter `name` in rows, (n, columns); None if it is absent.
 
         With `rows` there must be one for each of as many points.
         """
-        parameter = self.get(name, *((kinds,) if isinstance(kinds, str) else kinds))
+        parameter = self.get(name, *kinds)
         if parameter is None:
             return None
         if len(parameter.numbers) % columns or not len(parameter.numbers):
@@ -125,9 +181,7 @@ class Parameters:
     def required_table(self, name: str, kind: str, columns: int) -> Floats:
         """Return the numbers of a parameter that must be there in rows, (n, columns)."""
         self.required(name, kind)
-        table = self.table(name, kind, columns)
-        assert table is not None
-        return table
+        return np.asarray(self.table(name, columns, kind))
 
     def indices(self, count: int, corners: int = 3) -> npt.NDArray[np.int32]:
         """Return the polygons ``integer indices`` (n, corners) into `count` points."""
@@ -229,3 +283,9 @@ class Parameters:
             self.read_names.add(name)
             if name in self.items:
                 raise self.items[name].token.error(reason)
+
+
+def rgb(values: Any) -> Rgb:
+    """Return three numbers (3,) as a tuple of Python floats."""
+    x, y, z = np.asarray(values, np.float64).tolist()
+    return x, y, z

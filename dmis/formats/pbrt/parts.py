@@ -22,7 +22,7 @@ from dmis.brdf.materials import Material
 from dmis.brdf.relief import BumpMap
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.lights import scale_of
-from dmis.formats.pbrt.parameter import rgb
+from dmis.formats.pbrt.parameters import rgb
 from dmis.formats.pbrt.pbrt_shapes import Shape, mirrors
 from dmis.formats.pbrt.tokens import blame
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals

@@ -107,9 +107,9 @@ def _triangles(p: Parameters) -> Mesh:
         faces = np.arange(3, dtype=np.int32)[None]
     else:
         faces = p.indices(len(points))
-    normals = p.table("N", "normal", 3, len(points))
+    normals = p.table("N", 3, "normal", rows=len(points))
     normals = None if normals is None else repair_normals(points, faces, normals)
-    st, uv = (p.table(name, ("float", "point2"), 2, len(points)) for name in ("st", "uv"))
+    st, uv = (p.table(name, 2, "float", "point2", rows=len(points)) for name in ("st", "uv"))
     return Mesh(points, faces, normals, st if uv is None else uv)
 
 
@@ -157,7 +157,7 @@ def _bilinear(p: Parameters) -> Mesh:
     whole = "indices" not in p.items and len(points) == 4
     quads = np.arange(4)[None] if whole else p.indices(len(points), 4).astype(np.int64)
     corners = points[quads]
-    table = p.table("uv", ("float", "point2"), 2, len(points))
+    table = p.table("uv", 2, "float", "point2", rows=len(points))
     square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     uv = np.broadcast_to(square, (len(quads), 4, 2)) if table is None else table[quads]
     for name, values, scale in (

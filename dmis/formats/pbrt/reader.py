@@ -17,8 +17,7 @@ from dmis.brdf.materials import Material
 from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.notes import Notes, Refusals
-from dmis.formats.pbrt.parameter import Parameter
-from dmis.formats.pbrt.parameters import Parameters, Textures
+from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.pbrt_materials import make_material
 from dmis.formats.pbrt.pbrt_shapes import Shape, tessellate_quadrics
