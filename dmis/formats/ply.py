@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from dmis.formats.obj.obj_file import triangulate
 from dmis.geometry.mesh import Ints, Mesh, repair_normals
+from dmis.geometry.polygons import triangulate
 
 _NAMES = "char uchar short ushort int uint float double int8 uint8 int16 uint16 int32 uint32 float32 float64".split()
 _KINDS = dict(zip(_NAMES, 2 * "i1 u1 i2 u2 i4 u4 f4 f8".split(), strict=True))

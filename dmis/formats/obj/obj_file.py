@@ -15,14 +15,13 @@ import numpy as np
 from dmis.base.text import decode
 from dmis.base.vectors import Floats
 from dmis.geometry.mesh import Ints, Mesh, flat_normals, repair_normals
+from dmis.geometry.polygons import triangulate
 
 _CORNER = re.compile(r"(-?\d{1,12})(?:/(-?\d{1,12})?(?:/(-?\d{1,12})?)?)?", re.ASCII)
 """A corner of a face: the index of its position, and those of its texture coordinates and its normal, if it has any."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _ABSENT = 2**40
 """Index of what a corner lacks: larger than any of a file."""
-MOST_CONCAVE = 256
-"""Most corners of a polygon whose ears are cut off."""
 _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
 """Statements that are refused, because they make surfaces or read other files."""
 
@@ -128,46 +127,6 @@ def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints, Ints]:
         corners[:, j] = np.where(index == _ABSENT, -1, absolute)
     whole = np.logical_and.reduceat(corners >= 0, np.cumsum(sides) - sides)
     return np.where(np.repeat(whole, sides, axis=0), corners, -1), sides, np.fromiter(faces, np.int64)
-
-
-def triangulate(sides: Ints, points: Floats) -> Ints:
-    """Return the corners of the triangles of polygons of `sides` (N,) corners at `points` (C, 3), (F, 3).
-
-    They are the fan (0, 1, 2), (0, 2, 3), ..., or `_ears` where one of it is wound against its polygon.
-    """
-    if (sides == 3).all():
-        return np.arange(len(points)).reshape(-1, 3)
-    count, begin = sides - 2, np.cumsum(sides) - sides
-    polygon = np.repeat(np.arange(len(sides)), count)
-    place = np.cumsum(count) - count
-    second = np.arange(count.sum()) - place[polygon] + begin[polygon] + 1
-    triangles = np.stack([begin[polygon], second, second + 1], axis=1)
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    cross = np.cross(b - a, c - a)
-    normal = np.add.reduceat(cross, place)
-    against = (cross * normal[polygon]).sum(axis=1) < -1e-9 * (normal[polygon] ** 2).sum(axis=1)
-    for k in np.unique(polygon[against]):
-        if sides[k] <= MOST_CONCAVE:
-            corners = slice(begin[k], begin[k] + sides[k])
-            triangles[place[k] : place[k] + count[k]] = begin[k] + _ears(points[corners], normal[k])
-    return triangles
-
-
-def _ears(points: Floats, normal: Floats) -> Ints:
-    """Return triangles of one polygon (N, 3), cut off at corners in which no other one is, (N - 2, 3)."""
-    left = list(range(len(points)))
-    ears = []
-    while len(left) > 3:
-        for k, b in enumerate(left):
-            a, c = left[k - 1], left[(k + 1) % len(left)]
-            others = points[[n for n in left if n not in (a, b, c)]]
-            sides = ((points[y] - points[x], others - points[x]) for x, y in ((a, b), (b, c), (c, a)))
-            inside = np.logical_and.reduce([np.cross(side, to) @ normal >= 0 for side, to in sides])
-            if np.cross(points[b] - points[a], points[c] - points[b]) @ normal > 0 and not inside.any():
-                break
-        ears.append((a, b, c))  # the last one, if lines cross
-        left.remove(b)
-    return np.array([*ears, left])
 
 
 def _mesh(tables: tuple[Floats, Floats, Floats], corners: Ints) -> Mesh:

@@ -57,8 +57,7 @@ def carry_out(reader: Reader, source: Source) -> None:
         with nullcontext() if token.text.endswith(_STRUCTURE) else reader.refusals.collect():
             run(reader, *arguments)
         if takes[-1:] == (PARAMETERS,):
-            reader.notes.add_findings(arguments[-1])
-            reader.notes.add_unread(arguments[-1])
+            reader.notes.add_parameters(arguments[-1])
     reader.including.pop()
     if not reader.including and reader.phase == "world" and reader.dialect is V4:  # which has no WorldEnd
         _world_end(reader)

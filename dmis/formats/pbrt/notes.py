@@ -40,8 +40,10 @@ class Notes:
         """Note what a warning that begins with `kind` says of a token."""
         self._notes.setdefault(kind, {}).setdefault(what, {})[id(token)] = token
 
-    def add_unread(self, p: Parameters) -> None:
-        """Note the parameters that were not read."""
+    def add_parameters(self, p: Parameters) -> None:
+        """Note what was found of the parameters of a line, and those that were not read."""
+        for kind, item in p.findings:
+            self.add(kind, f"{item.name!r} of {item.directive.text}", item.token)
         for name, item in p.items.items():
             directive = item.directive.text
             if name in p.read_names:
@@ -55,11 +57,6 @@ class Notes:
                 meant = "I" if "I" in p.read_names else "L"
                 hint = "" if meant in p.items else f", did you mean {meant!r}?"
             self.add(_UNKNOWN, what + hint, item.token)
-
-    def add_findings(self, p: Parameters) -> None:
-        """Note what was found of parameters."""
-        for kind, item in p.findings:
-            self.add(kind, f"{item.name!r} of {item.directive.text}", item.token)
 
     def warn(self, stacklevel: int) -> None:
         """Issue a warning for each text and each kind of note, with the first places of what it is about."""

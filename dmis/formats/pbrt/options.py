@@ -165,8 +165,7 @@ def make_camera(reader: Reader) -> Camera:
             raise p.directive.error('needs "string mapping" "equirectangular"; maps of equal area are not supported')
     for name, line in (("Film", film), ("Camera", p)):
         line.note_unapplied(reader.dialect.unapplied.get(name, {}))
-        reader.notes.add_findings(line)
-        reader.notes.add_unread(line)
+        reader.notes.add_parameters(line)
     with blame(p.directive):
         camera = Camera(inverse(reader.to_camera), fov, (width, height), filter=reader.filter, projection=projection)
         if radius:

@@ -18,7 +18,6 @@ from dmis.formats import mesh_files
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.quadrics import choose_grids
 from dmis.formats.pbrt.tokens import Token, blame, unzipped
-from dmis.geometry import subdivision
 from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
 from dmis.scene.camera import Camera
@@ -114,6 +113,8 @@ def _triangles(p: Parameters) -> Mesh:
 
 
 def _loop(p: Parameters) -> Mesh:
+    from dmis.geometry import subdivision
+
     p.string("scheme", "loop", ("loop",))
     points = p.required_table("P", "point", 3)
     levels = p.integer("levels", p.integer("nlevels", 3))  # the second name is that of v2, which v3 knows, too

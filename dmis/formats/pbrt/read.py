@@ -28,7 +28,7 @@ Deviations of pbrt-v2 from the textbook that only this reader knows, beside thos
   16 x 16 values in pbrt-v2 and v3.
 
 Deviations of v3 and v4 are described in the modules: sides of lights and glass in `dmis.formats.pbrt.parts`, colours in
-`dmis.formats.pbrt.spectra`, materials and lights in `dmis.formats.pbrt.pbrt_materials` and `dmis.formats.pbrt.lights`.
+`dmis.formats.pbrt.spectra`, materials in `materials_v3` and `materials_v4`, lights in `dmis.formats.pbrt.lights`.
 
 File names are relative to the folder of the file read first, as in all versions of pbrt; where there is no such file,
 to that of the file that they stand in. They must not lead out of the former unless the caller allows it.

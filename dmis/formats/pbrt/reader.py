@@ -16,10 +16,10 @@ from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
 from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission
+from dmis.formats.pbrt.make_material import make_material
 from dmis.formats.pbrt.notes import Notes, Refusals
 from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
-from dmis.formats.pbrt.pbrt_materials import make_material
 from dmis.formats.pbrt.pbrt_shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.sample_requests import SampleRequests
@@ -141,8 +141,7 @@ class Reader:
         key = id(parameters), id(state.textures)
         if key not in self._materials:
             self._materials[key] = self.make_material(name, parameters), state  # keeps alive what the key refers to
-            self.notes.add_findings(parameters)
-            self.notes.add_unread(parameters)
+            self.notes.add_parameters(parameters)
         return self._materials[key][0]
 
     def make_material(self, name: Token, parameters: Parameters) -> Material:

@@ -9,8 +9,8 @@ from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
 from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission, make_light
+from dmis.formats.pbrt.make_material import materials_of
 from dmis.formats.pbrt.parameters import Parameters
-from dmis.formats.pbrt.pbrt_materials import MATERIALS
 from dmis.formats.pbrt.pbrt_shapes import make_shape
 from dmis.formats.pbrt.reader import KEPT, PARAMETERS, Directive, Reader
 from dmis.formats.pbrt.textures import make_texture
@@ -37,7 +37,7 @@ def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parame
 def _check_material(kind: Token) -> None:
     if kind.name in ("interface", "none", ""):
         raise kind.error("a surface that only bounds a medium is not supported, nor are media; remove its shapes")
-    kind.among("a material", MATERIALS[kind.dialect])
+    kind.among("a material", materials_of(kind.dialect))
 
 
 def _material(reader: Reader, name: Token, p: Parameters) -> None:

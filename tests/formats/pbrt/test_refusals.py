@@ -8,8 +8,8 @@ import pytest
 
 from dmis.formats.pbrt.dialect import DIALECTS
 from dmis.formats.pbrt.lights import LIGHTS
+from dmis.formats.pbrt.make_material import materials_of
 from dmis.formats.pbrt.options import CAMERAS
-from dmis.formats.pbrt.pbrt_materials import MATERIALS
 from dmis.formats.pbrt.pbrt_shapes import SHAPES
 from dmis.formats.pbrt.read import read_pbrt
 from dmis.formats.pbrt.textures import TEXTURES
@@ -85,7 +85,7 @@ def names_in(page, row, dialect):
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_the_reference_lists_what_is_read(dialect):
     page, shapes = "pbrt.md", set(SHAPES) - ({"bilinearmesh"} if dialect != "v4" else set())
-    assert names_in(page, "material", dialect) == set(MATERIALS[dialect])
+    assert names_in(page, "material", dialect) == set(materials_of(dialect))
     assert set(CAMERAS[dialect]) <= names_in(page, "camera", dialect)
     for row, table in (("texture", TEXTURES), ("light", LIGHTS), ("shape", shapes)):
         assert set(table) <= names_in(page, row, dialect), row

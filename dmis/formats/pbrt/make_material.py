@@ -1,0 +1,77 @@
+"""Materials of pbrt files: which table of a dialect makes them, their bump maps, and mixtures of two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf import materials
+from dmis.brdf.materials import Material
+from dmis.brdf.relief import BumpMap, NormalMap, Relief
+from dmis.brdf.texture import Image, scale
+from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.textures import blend, image
+from dmis.formats.pbrt.tokens import Token, blame
+
+
+def materials_of(dialect: str) -> Mapping[str, Callable[[Parameters], Material] | None]:
+    """Return the functions that make materials of a dialect, by name; the modules of others are not imported."""
+    if dialect == "v2":
+        from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
+
+        return V2_MATERIALS
+    if dialect == "v3":
+        from dmis.formats.pbrt.materials_v3 import V3_MATERIALS
+
+        return V3_MATERIALS
+    from dmis.formats.pbrt.materials_v4 import V4_MATERIALS
+
+    return V4_MATERIALS
+
+
+def make_material(name: Token, p: Parameters, named: Mapping[str, Material]) -> Material:
+    """Return the material `name` made from parameters; `named` are the materials that a mix may name."""
+    p = replace(p, directive=name)
+    make = materials_of(name.dialect)[name.name]
+    with blame(name), materials.unbounded():
+        return _mix(p, named) if make is None else replace(make(p), relief=_relief(p))
+
+
+def _relief(p: Parameters) -> Relief | None:
+    """Return the bump map of a material, called displacement in v4, or its normal map."""
+    heights = p.real("displacement" if p.dialect == "v4" else "bumpmap", 0.0)
+    if p.dialect == "v4" and "normalmap" in p.items:
+        p.refuse("a material must have a displacement or a normalmap, not both", "displacement")
+        return NormalMap(Image(image(p, "normalmap", encoded=False)[::-1]), towards_dpdv=False)
+    return BumpMap(heights, p.dialect != "v4") if isinstance(heights, Image) else None
+
+
+def _mix(p: Parameters, named: Mapping[str, Material]) -> Material:
+    """Return the sum of two materials: pbrt-v4 picks one of them at random, with the same mean."""
+    amount: Any
+    if p.dialect == "v3":  # the amount is the share of the first
+        items = [p.required(f"namedmaterial{k}", "string") for k in (1, 2)]
+        names, amount = [item.single()[0] for item in items], p.colour("amount", 0.5)
+        shares = amount, blend(1.0, 0.0, amount)
+    else:  # of the second
+        items = [p.required("materials", "string")] * 2
+        names, amount = list(items[0].single(2)), p.real("amount", 0.5)
+        shares = blend(1.0, 0.0, amount), amount
+    values = np.asarray(amount.texels if isinstance(amount, Image) else amount)
+    if values.min() < 0 or values.max() > 1:
+        raise p.items["amount"].error("must be from 0 to 1, because it divides the surface")
+    lobes: list[Any] = []
+    for item, name, share in zip(items, names, shares, strict=True):
+        material = item.token.find("material", name, named)
+        if material.relief is not None:
+            raise item.token.error(f"a material with a bump map or normal map cannot be mixed; got {name!r}")
+        for lobe in material.lobes:
+            if lobe.factor is None:
+                raise p.directive.error(f"a material of the kind {material.name} cannot be mixed")
+            part = scale(getattr(lobe, lobe.factor), share)
+            if isinstance(part, Image) or np.any(part):
+                lobes.append(replace(lobe, **{lobe.factor: part}))
+    return Material(tuple(lobes), "mix")
