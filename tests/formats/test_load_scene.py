@@ -19,7 +19,6 @@ from dmis.formats.model import DEFAULT_MATERIAL
 from dmis.formats.model_lights import SKY, SOFT_SKY
 from dmis.geometry.mesh import Mesh, flat_normals
 from dmis.geometry.shapes import quad
-from dmis.image import write_exr
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import PointLight
 from dmis.light.environment import EnvironmentLight
@@ -325,16 +324,3 @@ def test_an_image_on_a_mesh_without_texture_coordinates_warns():
     load_scene(quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=matte(image))
     load_scene(bare, material=matte(Image(np.full((2, 2, 3), 0.5))))
     load_scene(bare, material=matte(0.5))
-
-
-def test_a_pbrt_texture_without_coordinates_warns(tmp_path):
-    """It is rendered as in pbrt, but is seldom meant."""
-    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(1).random((2, 2, 3), np.float32)})
-    shape = 'Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0 1 0 0 0 1 0]'
-    world = 'Texture "t" "color" "imagemap" "string filename" "a.exr" Material "matte" "texture Kd" "t"'
-    path = tmp_path / "scene.pbrt"
-    path.write_text(f"WorldBegin {world} {shape} WorldEnd")
-    with pytest.warns(SceneWarning, match="scene scene: 1 of 1 parts have an image texture"):
-        load_scene(path, dialect="v2")
-    path.write_text(f'WorldBegin {world} {shape} "float uv" [0 0 1 0 0 1] WorldEnd')
-    load_scene(path, dialect="v2")

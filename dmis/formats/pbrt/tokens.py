@@ -1,7 +1,7 @@
 """Tokens of pbrt files with their places, the paths of files that they name, and errors that name file, line and token.
 
 A list of plain numbers is one token and becomes an array in one step, so large meshes cost little more than their
-characters. `dmis.formats.pbrt.cursor` walks over the tokens.
+characters. `dmis.formats.pbrt.directives.Cursor` walks over the tokens.
 """
 
 from __future__ import annotations

@@ -589,9 +589,6 @@ def test_marks_of_encodings(read, tmp_path):
     (tmp_path / "a.pbrt").write_text("Translate 1 2 3", "utf-16")
     with pytest.raises(PbrtError, match=r'scene\.pbrt:3: token "a\.pbrt": .*a\.pbrt is UTF-16 or binary'):
         read_pbrt(path)
-    path.write_text(text, "utf-16")
-    with pytest.raises(PbrtError, match=r"scene\.pbrt:1: token at the beginning: the file is UTF-16 or binary"):
-        read_pbrt(path)
 
 
 ABOVE = "reflectance above 1, which adds light, taken as it is, as pbrt does: "
@@ -662,10 +659,8 @@ BAD_OPTIONS = [
     ('Camera "perspective" "float frameaspectratio" 1', 1, "must be that of square pixels, [1.33333]"),
     ('Camera "perspective" "float screenwindow" [0 1 0 1]', 1, "'screenwindow' must be that of square pixels,"),
     ('\nCamera "perspective" "float fov" 180', 2, "token Camera: fov must be between 0 and 180"),
-    ('Film "exotic"', 1, "the film must be image"),
     ('Film "image" "float cropwindow" [0 1.5 0 1]', 1, "'cropwindow' must be four shares of the image"),
     ('PixelFilter "box" "float xwidth" 0', 1, "radius of a pixel filter must be a number from 1e-06"),
-    ('SurfaceIntegrator "volpath"', 1, "the integrator must be directlighting, whitted, path"),
     ('SurfaceIntegrator "directlighting" "string strategy" "none"', 1, "must be all or one; got 'none'"),
 ]
 BAD_WORLDS = [
@@ -702,7 +697,6 @@ BAD_WORLDS = [
     ('Camera "perspective"', 1, "token Camera: Camera must stand before WorldBegin"),
     ("TRIANGLE\nWorldEnd\nIdentity", 3, "token Identity: nothing may follow WorldEnd"),
     ('Volume "homogeneous"', 1, "volumes are not supported"),
-    ('Material "velvet"', 1, 'token "velvet": a material must be matte, plastic, metal'),
     ('Material "glass" "float index" 0', 1, "parameter 'index' must be positive"),
     ('MakeNamedMaterial "x"', 1, 'needs the parameter "string type", which is missing'),
     ('Texture "x" "color" "checkerboard" "integer dimension" 3', 1, "'dimension' must be 2"),
@@ -710,7 +704,6 @@ BAD_WORLDS = [
     ('Texture "x" "color" "imagemap" "string filename" "a.png"', 1, "images of pbrt-v2 must be EXR, TGA, PFM"),
     ('Texture "x" "color" "imagemap" "string filename" "bad.exr"', 1, "cannot read"),
     ('Texture "x" "color" "imagemap" "string mapping" "planar"', 1, "mapping must be uv"),
-    ('LightSource "goniometric"', 1, "a light must be point, spot, distant or infinite"),
     ('LightSource "point" "color I" [-1 0 0]', 1, "intensity must be finite, not negative"),
     ('Scale 1 2 1 LightSource "spot"', 1, "a spot light must not be stretched"),
     ('AreaLightSource "area" "color L" [-1 1 1]', 1, "must not be negative"),
@@ -725,7 +718,6 @@ BAD_WORLDS = [
     ('LAMP TRIANGLE"float alpha" 0', 2, "a shape that emits must not have alpha"),
     ('Material "matte" TRIANGLE "color Kd" [.2 .2 .2]', 1, "must stand in a Material line before the shape"),
     ('TRIANGLE"vector S" [1 0 0]', 1, "this is not supported; remove the parameter"),
-    ('Shape "loopsubdiv" "integer indices" [0 1 2] POINTS"string scheme" "x"', 1, "must be loop; got"),
     ('Shape "sphere" "float radius" -1', 1, 'token "sphere": radius must be positive'),
     ('Shape "plymesh" "string filename" "bad.ply"', 1, "cannot be read as PLY"),
     ('ObjectInstance "x"', 1, "there is no object 'x' here; there are: none"),
