@@ -20,20 +20,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
-mi.set_variant("llvm_ad_rgb")
 
-import mitsuba_scene
-from block_error import block_error
 from common import SCENES, show
-from rows import read_rows, write_rows
-from show_agreement import CSV, FIELDS
+from rows import markdown, read_rows, write_rows
 
 import dmis
+from dmis.base.patches import patch_mean
+from dmis.base.vectors import Array
 from dmis.brdf.fresnel import ExactConductor
 from dmis.brdf.materials import (
     Material,
@@ -43,6 +40,10 @@ from dmis.brdf.materials import (
 )
 from dmis.brdf.models import ggx
 
+CSV = ROOT / "docs" / "tables" / "mitsuba-agreement.csv"
+FIELDS = ("scene", "surfaces", "light", "seeds", "mean", "s.e.", "l2", "noise", "z")
+"""Relative difference of the means over the image and its standard error, of the means of blocks and that of noise, and
+root mean square of z over blocks."""
 GOLD = ExactConductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
 
 
@@ -98,6 +99,11 @@ def cases() -> list[Case]:
 
 def compare(case: Case, shrink: int, spp: int, seeds: int) -> dict[str, object]:
     """Return the row of a case."""
+    import mitsuba  # here, so that the table is made without it
+
+    mitsuba.set_variant("llvm_ad_rgb")
+    import mitsuba_scene
+
     width, height = SCENES[case.scene].size
     scene = case.change(dmis.load_scene(case.scene, (width // shrink // 8 * 8, height // shrink // 8 * 8)))
     settings = dmis.Settings(sampler="independent")  # as Mitsuba's, so that the two variances are alike
@@ -126,9 +132,56 @@ def compare(case: Case, shrink: int, spp: int, seeds: int) -> dict[str, object]:
     return dict(zip(FIELDS, cells, strict=True))
 
 
+def block_error(image: Array, reference: Array, size: int = 8) -> float:
+    """Return the relative L2 difference of the means over blocks, ``sqrt(sum (A - R)^2 / sum R^2)``.
+
+    Ragged borders are left out.
+    """
+    size = min(size, *image.shape[:2])
+    height, width = (n // size * size for n in image.shape[:2])
+    whole = (np.moveaxis(np.asarray(x, np.float64)[:height, :width], 2, 0) for x in (image, reference))
+    a, r = (patch_mean(x, size) for x in whole)
+    return float(np.sqrt(((a - r) ** 2).sum() / (r * r).sum()))
+
+
 def _error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Standard error of the difference of two means over seeds, the first axis."""
     return np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / len(a))
+
+
+def tables() -> dict[str, list[str]]:
+    """Return the lines of the block."""
+    rows = []
+    for row in read_rows(CSV):
+        mean, error, l2, noise = (100 * float(row[field]) for field in ("mean", "s.e.", "l2", "noise"))
+        freedom = 2 * (int(row["seeds"]) - 1)
+        expected = f" ({np.sqrt(freedom / (freedom - 2)):.2f})" if freedom > 2 else ""
+        cells = f"{mean:+.3f} ± {error:.3f} %", f"{l2:.2f} ({noise:.2f}) %", f"{float(row['z']):.2f}{expected}"
+        rows.append([row["scene"], row["surfaces"], row["light"], *cells])
+    head = [
+        "scene",
+        "surfaces",
+        "light",
+        "mean, dmis / Mitsuba - 1",
+        "blocks, relative L2 (noise)",
+        "r.m.s. z (of noise)",
+    ]
+    return {"tables.md: mitsuba-agreement": markdown(head, rows)}
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return fragments of prose with numbers, by page."""
+    rows = read_rows(CSV)
+    largest = max(rows, key=lambda row: abs(float(row["mean"])))
+    mean, error = (100 * abs(float(largest[field])) for field in ("mean", "s.e."))
+    z = [float(row["z"]) for row in rows]
+    return {
+        "performance.md": [
+            f"In [{len(rows)} set-ups]",
+            f"differ by at most {mean:.3f} ± {error:.3f} %",
+            f"these differences have a root mean square of {min(z):.2f} to {max(z):.2f}",
+        ]
+    }
 
 
 def main() -> None:

@@ -104,7 +104,7 @@ PIECES: tuple[Piece, ...] = (
     ),
     Piece("literature", "benchmarks/make_literature_table.py", "make_literature_table", BENCH),
     Piece("parabola", "benchmarks/make_parabola_table.py", "make_parabola_table", THESIS),
-    Piece("mitsuba-agreement", "benchmarks/agreement.py", "show_agreement", BALANCE),
+    Piece("mitsuba-agreement", "benchmarks/agreement.py", "agreement", BALANCE),
     Piece("cluster", "benchmarks/measure_cluster.py", "measure_cluster"),
     Piece("doctor-faults", "benchmarks/doctor_faults.py", "doctor_faults", (*BALANCE, *HELD_OUT)),
     Piece("error-time", "benchmarks/make_error_time.py", "", THESIS),

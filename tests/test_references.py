@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from block_error import block_error
+from agreement import block_error
 from helpers import channels_z
 
 import dmis

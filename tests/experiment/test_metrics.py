@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.stats
-from block_error import block_error
+from agreement import block_error
 
 from dmis.experiment.metrics import (
     holm_levels,
