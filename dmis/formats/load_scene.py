@@ -49,7 +49,7 @@ def load_scene(
         Or name or number of one in the file, as text. Default: the first one in the file, else `Camera.fit`, with `up`.
     lights
         Area lights get a visible surface, which blocks light and reflects none. Default: those of the file; if it has
-        none and emits too little (`LEAST_LIT`), a sky and a lamp (`default_lights`). What the file emits stays.
+        none and emits too little, a sky and a lamp (`dmis.formats.model_lights`). What the file emits stays.
     material
         One for all, or a dict by the names of the file's materials, or of the geometries of a trimesh scene, which
         leaves the others. Default: those of a glTF or OBJ file or of trimesh, else matte grey.

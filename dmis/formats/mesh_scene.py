@@ -97,15 +97,12 @@ def read_file(model: Model) -> Model:
     """Add the contents of a mesh file to its model, and return it."""
     suffix = model.path.suffix.lower()
     if suffix == ".obj":
-        from dmis.formats.obj.mtl import read_obj_with_materials
-
-        with reading(model.path) as data:
-            read_obj_with_materials(data, model)
+        from dmis.formats.obj.mtl import read_obj_with_materials as read
     elif suffix in (".glb", ".gltf"):
-        from dmis.formats.gltf.gltf_scene import read_gltf
-
+        from dmis.formats.gltf.gltf_scene import read_gltf as read
+    if suffix in (".obj", ".glb", ".gltf"):
         with reading(model.path) as data:
-            read_gltf(data, model)
+            read(data, model)
     elif (mesh := model.drop_flat(load_mesh(model.path))) is not None:
         model.add(mesh)
     if suffix == ".ply":

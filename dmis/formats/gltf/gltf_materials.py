@@ -26,12 +26,8 @@ from dmis.image_reader import decode_image, linear_values
 from dmis.scene.masks import Mask
 
 _WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
+"""How an image goes on along an axis, by glTF's numbers; it repeats, as by default, if a number is none of these."""
 _NEAREST = 9728
-
-
-def _wrap(sampler: Mapping[str, Any], axis: str) -> Wrap:
-    """Return how an image goes on along an axis; it repeats, as by default, if the number is none of glTF's."""
-    return _WRAPS.get(sampler.get(axis, 10497), "repeat")
 
 
 def _place(info: Mapping[str, Any]) -> tuple[int, float, Any, Any]:
@@ -167,7 +163,7 @@ class Materials:
             self.leave_out(f"missing file {unquote(uri)[-60:]!r}", uri)
             return None
         sampler = self._gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
-        wrap = _wrap(sampler, "wrapS"), _wrap(sampler, "wrapT")
+        across, down = (_WRAPS.get(sampler.get(axis, 10497), "repeat") for axis in ("wrapS", "wrapT"))
         if rotation:  # `coordinates` scales
             s = t = 1
         pixels = self._pixels(texture["source"])[::-1]
@@ -176,7 +172,7 @@ class Materials:
         elif channel is not None and pixels.shape[2] > 2:
             pixels = pixels[..., channel : channel + 1]
         texels = linear_values(pixels, linear or channel == 3)
-        return Image(texels, (s, t), (u, 1 - t - v), wrap, sampler.get("magFilter") == _NEAREST)
+        return Image(texels, (s, t), (u, 1 - t - v), (across, down), sampler.get("magFilter") == _NEAREST)
 
     def _decoded(self, number: int) -> np.ndarray:
         """Return the pixels of an image, ``(H, W, 1 to 4)``; `_pixels` keeps those of the last one."""

@@ -86,10 +86,10 @@ def refractive(p: Parameters, kr: Any, kt: Any, index: float) -> Material:
 
 def rough_metal(p: Parameters, eta: Any, k: Any, default_roughness: float, name: str) -> Material:
     alpha, alpha_v = alphas_of(p, roughnesses(p, default_roughness))
-    return replace(models.ggx(0, 1, alpha, alpha_v, conductor_fresnel(eta, k)), name=name)
+    return replace(models.ggx(0, 1, alpha, alpha_v, metal_fresnel(eta, k)), name=name)
 
 
-def conductor_fresnel(eta: Any, k: Any) -> ExactConductor:
+def metal_fresnel(eta: Any, k: Any) -> ExactConductor:
     if np.min(eta) <= 0 or np.min(k) < 0:
         raise ValueError(f"a metal needs eta above 0 and k at least 0; got {rgb(eta)} and {rgb(k)}")
     return ExactConductor(rgb(eta), rgb(k))

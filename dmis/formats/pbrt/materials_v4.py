@@ -16,14 +16,7 @@ from dmis.brdf.diffuse import Lambert, LambertTransmission
 from dmis.brdf.materials import Material, assemble
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import scale
-from dmis.formats.pbrt.materials_v3 import (
-    MIN_ROUGH_ALPHA,
-    alphas_of,
-    conductor_fresnel,
-    is_smooth,
-    refractive,
-    rough_metal,
-)
+from dmis.formats.pbrt.materials_v3 import MIN_ROUGH_ALPHA, alphas_of, is_smooth, metal_fresnel, refractive, rough_metal
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.spectra import SPECTRA
 
@@ -42,7 +35,7 @@ def _metal(p: Parameters, prefix: str = "") -> tuple[Any, Any]:
 def _conductor(p: Parameters) -> Material:
     eta, k = _metal(p)
     if is_smooth(p):
-        return Material((SpecularReflection(1.0, conductor_fresnel(eta, k)),), "conductor")
+        return Material((SpecularReflection(1.0, metal_fresnel(eta, k)),), "conductor")
     return rough_metal(p, eta, k, 0, "conductor")
 
 

@@ -84,6 +84,7 @@ def _renderer(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _option(reader: Reader, p: Parameters) -> None:
+    """Refuse options that change the image, and names that v4 does not have."""
     p.require(reader.dialect.required["Option"])
     for item in p.items.values():
         item.token.find("option", item.name, dict.fromkeys([*p.read_names, *IRRELEVANT["Option"]]))
@@ -99,6 +100,7 @@ def _make_named_medium(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _medium_interface(reader: Reader, *names: Token | None) -> None:
+    """Refuse media that scatter or absorb: a vacuum changes nothing."""
     for name in names:
         if name is not None and name.text != '""' and name.name not in reader.vacuums:
             raise name.error("a medium changes the image, and media are not supported; remove it to render a vacuum")
@@ -110,6 +112,7 @@ def _unused(reader: Reader, *arguments: object) -> None:
 
 
 def _volume(reader: Reader) -> None:
+    """Refuse any Volume line."""
     raise reader.token.error("volumes are not supported")
 
 

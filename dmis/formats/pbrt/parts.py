@@ -128,20 +128,16 @@ def _parallelogram(mesh: Mesh) -> Floats | None:
 
 def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
     """Return the parts of shapes that do not emit: one for each material, mask and kind of mesh, in order."""
-    by_material: dict[
-        int, tuple[Material, dict[tuple[bool, bool, bool, int | None], tuple[Mask | None, list[Mesh]]]]
-    ] = {}
+    groups: dict[tuple[object, ...], tuple[Material, Mask | None, list[Mesh]]] = {}
     for shape, material in shapes:
-        mesh, mask = _placed(shape, material), shape.mask
-        _, kinds = by_material.setdefault(id(material), (material, {}))
+        mesh = _placed(shape, material)
         curved = shape.quadric is not None and isinstance(material.relief, BumpMap)
-        key = curved, mesh.normals is None, mesh.uv is None, None if mask is None else id(mask.image)
-        kinds.setdefault(key, (mask, []))[1].append(mesh)
-    return [
-        Part(concatenate(group), _with_relief(material, curved), mask=mask)
-        for material, kinds in by_material.values()
-        for (curved, *_), (mask, group) in kinds.items()
-    ]
+        mask = None if shape.mask is None else id(shape.mask.image)
+        key = id(material), curved, mesh.normals is None, mesh.uv is None, mask
+        groups.setdefault(key, (_with_relief(material, curved), shape.mask, []))[2].append(mesh)
+    order = {number: k for k, number in enumerate(dict.fromkeys(number for number, *_ in groups))}
+    parts = (groups[key] for key in sorted(groups, key=lambda key: order[key[0]]))
+    return [Part(concatenate(meshes), material, mask=mask) for material, mask, meshes in parts]
 
 
 def _with_relief(material: Material, curved: bool) -> Material:
