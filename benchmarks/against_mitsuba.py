@@ -286,32 +286,20 @@ def compare_errors(
     return rows
 
 
-def error_rows(scenes: list[dmis.Scene], given: argparse.Namespace, depth: int | None, csv: Path) -> None:
-    """Write rows of errors, by paths of `depth` surfaces or in direct light; scenes that have rows are left out."""
-    rows: list[Any] = read_rows(csv)
-    for scene in scenes:
-        if any(row["scene"] == scene.name for row in rows):
-            continue
-        of_paths = {"integrator": "direct"} if depth is None else {"integrator": "path", "max_depth": depth}
-        reference = dmis.make_reference(scene, given.reference_spp, **of_paths)
-        rows += compare_errors(scene, given.spp, given.repeats, depth, reference)
-        write_rows(csv, rows, ERROR_FIELDS)
-        print(scene.name, "done", flush=True)
+def error_rows(scene: dmis.Scene, given: argparse.Namespace, depth: int | None) -> list[dict[str, object]]:
+    """Return rows of errors of a scene, by paths of `depth` surfaces or in direct light."""
+    of_paths = {"integrator": "direct"} if depth is None else {"integrator": "path", "max_depth": depth}
+    reference = dmis.make_reference(scene, given.reference_spp, **of_paths)
+    return compare_errors(scene, given.spp, given.repeats, depth, reference)
 
 
-def speed_rows(scenes: list[dmis.Scene], given: argparse.Namespace, csv: Path) -> None:
-    """Write rows of speeds; scenes that have rows are left out."""
-    rows: list[Any] = read_rows(csv)
-    for scene in scenes:
-        if any(row["scene"] == scene.name for row in rows):
-            continue
-        alone, spp = replace(scene, lights=scene.plan.sampled), given.spp // 2
-        contestants = {"dmis": ours(alone, "balance"), "LLVM": theirs(alone), "own": theirs(alone, exact=False)}
-        contestants["scalar"] = theirs(alone, "scalar_rgb", exact=False)
-        counts = {key: max(1, spp // 4) if key == "scalar" else spp for key in contestants}
-        rows += speed(alone, contestants, counts, given.repeats)
-        write_rows(csv, rows, SPEED_FIELDS)
-        print(scene.name, "done", flush=True)
+def speed_rows(scene: dmis.Scene, given: argparse.Namespace) -> list[dict[str, object]]:
+    """Return rows of speeds of a scene."""
+    alone, spp = replace(scene, lights=scene.plan.sampled), given.spp // 2
+    contestants = {"dmis": ours(alone, "balance"), "LLVM": theirs(alone), "own": theirs(alone, exact=False)}
+    contestants["scalar"] = theirs(alone, "scalar_rgb", exact=False)
+    counts = {key: max(1, spp // 4) if key == "scalar" else spp for key in contestants}
+    return speed(alone, contestants, counts, given.repeats)
 
 
 def main() -> None:
@@ -329,19 +317,22 @@ def main() -> None:
         parser.error(f"--quick needs another --folder: small images are not for {given.folder}")
     if not llvm():
         sys.exit("Mitsuba's LLVM variant is needed: DRJIT_LIBLLVM_PATH names the LLVM library")
-    scenes = []
-    for name in given.scenes:
-        shrink = 4 if given.quick else 1
-        scenes.append(dmis.load_scene(name, tuple(round(n / shrink) for n in SIZES[name])))
-    chosen = given.spp
+    measured: dict[str, tuple[Any, Any, Any]] = {
+        "speed": (SCENES, SPEED_FIELDS, speed_rows),
+        "errors": ([name for name in SIZES if name != "cornell"], ERROR_FIELDS, partial(error_rows, depth=None)),
+        "paths": (BY_PATHS, ERROR_FIELDS, partial(error_rows, depth=DEPTH)),
+    }
+    chosen, shrink = given.spp, 4 if given.quick else 1
     for kind in given.tables:
         csv, given.spp = given.folder / FILES[kind].name, chosen or (64 if kind == "paths" else 128)
-        if kind == "speed":
-            speed_rows([scene for scene in scenes if scene.name in SCENES], given, csv)
-        elif kind == "errors":
-            error_rows([scene for scene in scenes if scene.name != "cornell"], given, None, csv)
-        else:
-            error_rows([scene for scene in scenes if scene.name in BY_PATHS], given, DEPTH, csv)
+        names, fields, rows_of = measured[kind]
+        rows: list[Any] = read_rows(csv)
+        present = {row["scene"] for row in rows}  # these are not measured again
+        for name in (name for name in given.scenes if name in names and name not in present):
+            scene = dmis.load_scene(name, tuple(round(n / shrink) for n in SIZES[name]))
+            rows += rows_of(scene, given)
+            write_rows(csv, rows, fields)
+            print(kind, name, "done", flush=True)
 
 
 if __name__ == "__main__":

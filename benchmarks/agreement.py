@@ -32,12 +32,7 @@ import dmis
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.brdf.fresnel import ExactConductor
-from dmis.brdf.materials import (
-    Material,
-    glass,
-    matte,
-    mirror,
-)
+from dmis.brdf.materials import Material, glass, matte, mirror
 from dmis.brdf.models import ggx
 
 CSV = ROOT / "docs" / "tables" / "mitsuba-agreement.csv"
@@ -158,14 +153,7 @@ def tables() -> dict[str, list[str]]:
         expected = f" ({np.sqrt(freedom / (freedom - 2)):.2f})" if freedom > 2 else ""
         cells = f"{mean:+.3f} ± {error:.3f} %", f"{l2:.2f} ({noise:.2f}) %", f"{float(row['z']):.2f}{expected}"
         rows.append([row["scene"], row["surfaces"], row["light"], *cells])
-    head = [
-        "scene",
-        "surfaces",
-        "light",
-        "mean, dmis / Mitsuba - 1",
-        "blocks, relative L2 (noise)",
-        "r.m.s. z (of noise)",
-    ]
+    head = [*FIELDS[:3], "mean, dmis / Mitsuba - 1", "blocks, relative L2 (noise)", "r.m.s. z (of noise)"]
     return {"tables.md: mitsuba-agreement": markdown(head, rows)}
 
 

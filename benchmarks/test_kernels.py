@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dmis.base.vectors import Array, dot, frame, normalise
+from dmis.base.vectors import Array, frame, normalise
 from dmis.brdf import materials, models
 from dmis.brdf.cosines import Directions
 from dmis.brdf.texture import Image
@@ -64,12 +64,7 @@ def surface(name: str) -> ShadingPoints:
 POINTS = {name: surface(name) for name in MATERIALS}
 ORIGINS = np.zeros((3, N), np.float32)
 IMAGES = {f"{side}, {c} channels": Image(RNG.random((side, side, c))) for side, c in ((64, 3), (1024, 1), (1024, 3))}
-VECTORS: dict[str, Callable[[], Array]] = {
-    "dot": lambda: dot(UP, WI),
-    "normalise": lambda: normalise(WI),
-    "frame": lambda: frame(WI)[0],
-    "atan2": lambda: warp.atan2(WI[1], WI[0]),
-}
+VECTORS: dict[str, Callable[[Array], Any]] = {"normalise": normalise, "frame": lambda wi: frame(wi)[0]}
 
 
 def numbers(kind: Any) -> Array:
@@ -89,7 +84,7 @@ GROUPS: dict[str, tuple[Iterable[str], Callable[[str], Any]]] = {
     "lights: what a direction meets": (LIGHTS, lambda name: LIGHTS[name].hit(ORIGINS, WI).pdf),
     "warps": (WARPS, lambda name: WARPS[name](U)),
     "textures": (IMAGES, lambda name: IMAGES[name](U)),
-    "vectors": (VECTORS, lambda name: VECTORS[name]()),
+    "vectors": (VECTORS, lambda name: VECTORS[name](WI)),
     "random numbers": (SAMPLERS, numbers),
     "film": (["moments"], lambda name: Moments.of(U.reshape(2, 32, -1).swapaxes(0, 1)).mean),
 }

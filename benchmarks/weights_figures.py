@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import print_canvas
+from common import print_canvas, write_webp
 from mis_bench import cropped
 from weight_bounds import ShareTiltMoments, resized, variance
 
@@ -73,9 +72,7 @@ def edge_map(scene: Scene, settings: Settings, spp: int = SPP) -> Array:
 
 def write(figure: Any, stem: str) -> None:
     """Write a figure as WebP."""
-    from PIL import Image
-
-    data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=200)
-    with Image.open(data) as image:
-        image.convert("RGB").save(IMAGES / f"{stem}.webp", quality=85, method=6)
+    picture = IMAGES / f"{stem}.png"
+    figure.savefig(picture, dpi=200)
+    write_webp(picture, picture.with_suffix(".webp"))
+    picture.unlink()
