@@ -83,15 +83,12 @@ class Evenness:
 
     Attributes
     ----------
-    spp
-        Camera samples per pixel at which `ratio` was measured.
     ratio
-        Mean squared error with Sobol points over that with independent points.
+        Mean squared error with Sobol points over that with independent points, at `EVEN_SPP`.
     exponent
         a, where the error with Sobol points falls as n^-a: 1 for independent points, 3/2 for edges in the pixel.
     """
 
-    spp: int
     ratio: float
     exponent: float
 
@@ -131,16 +128,14 @@ def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, *
     )
 
 
-def measure_evenness(
-    scene: Scene, oracle: Oracle, spp: int = EVEN_SPP, *, settings: Settings | None = None, **options: Any
-) -> Evenness:
+def measure_evenness(scene: Scene, oracle: Oracle, *, settings: Settings | None = None, **options: Any) -> Evenness:
     """Return the evenness of a scene's Sobol points; `settings` are those of the oracle, `options` those of `render`.
 
-    The error at `spp` and at a quarter of it is the variance over renders with different random numbers, of the mean of
-    the channels, over all pixels. That with independent points is the oracle's.
+    The error at `EVEN_SPP` and at a quarter of it is the variance over seeds of the mean of the channels, over all
+    pixels. That with independent points is the oracle's.
     """
     settings, errors = replace(curve_settings(scene, settings), sampler="sobol"), []
-    for n in (spp // EVEN_RATIO, spp):
+    for n in (EVEN_SPP // EVEN_RATIO, EVEN_SPP):
         renders = (
             render(scene, "balance", n, seed=REFERENCE_SEED + 4 + k, settings=settings, **options)
             for k in range(EVEN_SEEDS)
@@ -148,8 +143,8 @@ def measure_evenness(
         images = [result.image.mean(axis=2, dtype=np.float64) for result in renders]
         errors.append(float(np.var(images, axis=0, ddof=1).mean()))
     fewer, error = errors
-    independent = oracle.mean(oracle.variance[HALF]) / spp
-    return Evenness(spp, error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
+    independent = oracle.mean(oracle.variance[HALF]) / EVEN_SPP
+    return Evenness(error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
 
 
 def rung_text(value: float, interval: float) -> str:
@@ -173,15 +168,12 @@ class Ladder:
         The rungs, chosen and evaluated on the same samples, where a P below 0 counts as 0.
     position
         Share of the variance at w = 1/2 that does not depend on the shading samples, ``P / V``.
-    evenness
-        What rung B7 assumes; None: not measured, and there is no such rung.
     """
 
     rungs: Mapping[str, float]
     standard_errors: Mapping[str, float]
     flattered: Mapping[str, float]
     position: float
-    evenness: Evenness | None = None
 
     def text(self) -> str:
         """Return a line for each rung, with its 95 % interval, and the rung that is evaluated on its own samples."""
@@ -228,7 +220,7 @@ def make_ladder(oracle: HalvedOracle, evenness: Evenness | None = None) -> Ladde
         name: sum(oracle.mean(of_half[name]) / oracle.mean(of_half["B0"]) for of_half in same) / 2 for name in rungs
     }
     position = float(np.mean([oracle.mean(half.position) for half in oracle.halves]) / np.mean(variance))
-    return Ladder(rungs, errors, flattered, position, evenness)
+    return Ladder(rungs, errors, flattered, position)
 
 
 def _rung(

@@ -104,9 +104,9 @@ def test_even_points() -> None:
     """B7 is B6 for independent points, and the best allocation by brute force for others."""
     position = np.array([[0.2, 3.0]])
     oracle = oracle_of(planted(position, np.ones((len(GRID), 1, 2))))
-    rungs = ladder_of(oracle, Evenness(128, 1.0, 1.0)).rungs
+    rungs = ladder_of(oracle, Evenness(1.0, 1.0)).rungs
     assert rungs["B7"] == pytest.approx(rungs["B6"])
-    even = Evenness(128, 0.25, 1.4)
+    even = Evenness(0.25, 1.4)
     c_half = float(oracle.cost[HALF])
     mean_count = 128 * c_half / BASE_COST
 
