@@ -8,8 +8,9 @@ import pytest
 import trimesh
 from helpers import script, triangle_ply
 
+from dmis.formats import mesh_files
 from dmis.formats.mesh_files import from_trimesh, load_mesh, placed_geometries
-from dmis.geometry import mesh_files, subdivision
+from dmis.geometry import subdivision
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
 from dmis.geometry.shapes import circular, cylindrical, quad, sphere, spherical
 from dmis.geometry.subdivision import loop_subdivide

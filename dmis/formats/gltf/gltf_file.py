@@ -41,7 +41,7 @@ class Gltf:
         self.model = model
         self._binary = b""
         text = data
-        if data[:4] == b"glTF":
+        if data[:4] == b"glTF" or model.path.suffix.lower() == ".glb":
             magic, length, size = struct.unpack("<8sII", data[:16].ljust(16, b"\0"))
             end = 20 + size
             if magic != b"glTF\2\0\0\0":
