@@ -212,6 +212,7 @@ def test_area_lights_get_a_surface_that_they_hit(light):
         (BOX, {"material": "matte"}, ValueError, "material must be a Material, or a dict of them by name; got str"),
         (BOX, {"lights": EnvironmentLight(np.ones((1, 2, 3)))}, ValueError, "lights must be a list; got one Env"),
         ("teapot-area-light", {"resolution": (6.5, 5)}, ValueError, "resolution must be a whole number; got 6.5"),
+        (BOX, {"fov": "x"}, ValueError, "fov must be a number; got 'x'"),
         (BOX, {"material": {"a": matte()}}, ValueError, r"or geometries of the source, \[''\]; got 'a'"),
     ],
 )

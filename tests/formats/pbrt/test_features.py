@@ -248,6 +248,22 @@ def test_quadrics_are_fine_for_other_cameras(read, camera):
 # Relief -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(("axis", "length"), [("u", 2 * np.pi), ("v", np.pi)])
+@pytest.mark.parametrize("dialect", ["v3", "v4"])
+def test_bump_maps_on_spheres(read, tmp_path, dialect, axis, length):
+    """Heights that rise by 1/2 over u or v tilt the normal at the equator by (1/2) / |dp/du| or / |dp/dv|."""
+    ramp = np.broadcast_to(np.linspace(0, 0.5, 256, dtype=np.float32), (256, 256))
+    write_exr(tmp_path / "a.exr", {"RGB": np.repeat((ramp if axis == "u" else ramp.T[::-1])[..., None], 3, 2)})
+    kind, name, point = BUMPY[dialect]
+    place = "-1 -1 0" if axis == "u" else "0 -1 -1"
+    world = f'LightSource "distant" "{point} from" [{place}] "{point} to" [0 0 0] '
+    world += f'Texture "h" "float" "imagemap" "string filename" "a.exr" Material "{kind}"'
+    view = 'Identity LookAt 0 -5 0 0 0 0 0 0 1 Camera "perspective" "float fov" 1'
+    texts = f'{world} "texture {name}" "h"', world
+    bumped, smooth = (mean(read(dialect, text, view, 'Shape "sphere"'))[0] for text in texts)
+    np.testing.assert_allclose(bumped / smooth, (1 + 0.5 / length) / np.hypot(1, 0.5 / length), rtol=0.01)
+
+
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
 def test_slopes_of_bump_maps(read, tmp_path, dialect, smooth):
