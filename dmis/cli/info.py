@@ -15,7 +15,7 @@ from dmis.cli.shared import describe, load, say
 from dmis.experiment.metrics import flip, mse, relmse
 from dmis.experiment.reference import load_reference
 from dmis.fit.registry import RULES, about
-from dmis.formats.load_scene import SHIPPED
+from dmis.formats.shipped import SHIPPED
 from dmis.image import read_exr
 from dmis.pipeline.job import resolve
 
