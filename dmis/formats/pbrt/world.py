@@ -18,6 +18,7 @@ from dmis.formats.pbrt.tokens import Token
 
 
 def _attribute(reader: Reader, kind: Token, p: Parameters) -> None:
+    """Add parameters to the later objects of a kind in this block."""
     kind.among("the kind of an Attribute", ("shape", "light", "material", "medium", "texture"))
     items = {**reader.state.added.get(kind.name, {}), **p.items}
     reader.change(added={**reader.state.added, kind.name: items})
@@ -35,12 +36,14 @@ def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parame
 
 
 def _check_material(kind: Token) -> None:
+    """Refuse a kind of material that the dialect does not have."""
     if kind.name in ("interface", "none", ""):
         raise kind.error("a surface that only bounds a medium is not supported, nor are media; remove its shapes")
     kind.among("a material", materials_of(kind.dialect))
 
 
 def _material(reader: Reader, name: Token, p: Parameters) -> None:
+    """Keep the line: its material is made where a shape has it."""
     _check_material(name)
     reader.change(material=(name, p), named=None)
 
@@ -61,6 +64,7 @@ def _make_named_material(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _named_material(reader: Reader, name: Token) -> None:
+    """Take a named material; one that is not defined leaves the Material line, but in v4."""
     if reader.dialect is not V4 and name.name not in reader.state.named_materials:
         reader.notes.add("material that is not defined, the Material line taken, as pbrt does", name.text, name)
         return
@@ -74,6 +78,7 @@ def _light_source(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
+    """Let the shapes of this block emit."""
     name.among("an area light", ("area", "diffuse"))
     emitted = emission(p)
     if min(emitted) < 0:
@@ -85,6 +90,7 @@ def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _shape(reader: Reader, name: Token, p: Parameters) -> None:
+    """Add a shape, or one or two that emit, with the current material."""
     state, corners = reader.state, p.items.get("indices")
     if corners is not None and not len(corners.values) and reader.dialect is not V4:
         reader.notes.add("mesh without triangles, left out, as pbrt does", "Shape", reader.token)
@@ -122,6 +128,7 @@ def _object_end(reader: Reader) -> None:
 
 
 def _object_instance(reader: Reader, name: Token) -> None:
+    """Add the shapes of an object, moved by the current transform."""
     if reader.object is not None:
         raise reader.token.error("an object must not hold instances of others")
     members = name.find("object", name.name, reader.objects)
