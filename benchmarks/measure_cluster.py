@@ -18,7 +18,6 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-import numpy as np
 from common import ROOT
 from rows import markdown, read_rows, write_rows
 
