@@ -78,7 +78,9 @@ def test_an_interrupted_reference(box, tmp_path, monkeypatch, stale):
     if stale == "damaged":
         (checkpoint / KEY).write_bytes((checkpoint / KEY).read_bytes()[:-7])
     tiles = []
-    monkeypatch.setattr(Store, "append", lambda self, tile, append=Store.append: tiles.append(append(self, tile)))
+    monkeypatch.setattr(
+        Store, "append", lambda self, tile, film, append=Store.append: tiles.append(append(self, tile, film))
+    )
     again = dmis.make_reference(large, 32, folder=tmp_path)
     of_one = len(tiles)
     np.testing.assert_array_equal(again.first, whole.first)
