@@ -27,7 +27,7 @@ except ImportError as missing:
 
 HERE = Path(__file__).parent
 SIZE = 400
-BUDGETS = {"balance": 64, "thesis": 64, "auto": 20}
+BUDGETS = {"balance": 64, "thesis": 64, "auto": 27}
 """Samples per pixel, pilot included. One of `auto` costs more: most are where there is light to sample."""
 TITLES = {"balance": "balance heuristic", "thesis": "thesis's rule", "auto": "dmis: auto"}
 WINDOW = 245, 195, 345, 275
