@@ -5,7 +5,8 @@ How much code one render runs through
 Renders a small scene of direct lighting with one rule, and counts the files of `dmis` and the lines of those functions
 that it called. A line counts if it has code: docstrings, comments and blank lines do not. The last column counts
 docstrings, too. Files come in the order in which docs/code.md says to read them, the others after them. The last line
-is the sentence of that page; ``--write`` puts it there.
+is the sentence of that page; ``--write`` puts it there. The first two lines are the size of the package, the modules
+that a fresh process imports for a render, and the classes whose methods the small render calls.
 
 The scene has one lobe (Lambert) and one light (a quadrilateral). What is kept with it (its units, plan, triangle tables
 and Embree scene) is made before, unless `--first` is given.
@@ -17,6 +18,7 @@ import argparse
 import ast
 import io
 import re
+import subprocess
 import sys
 import threading
 import tokenize
@@ -31,6 +33,12 @@ from dmis.geometry.transforms import translate
 
 PACKAGE = Path(dmis.__file__).resolve().parent
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "code.md"
+FRESH = """
+import sys, dmis
+dmis.render(dmis.load_scene("teapot-area-light", (16, 12)), "balance", 2)
+print(*sorted(name for name in sys.modules if name.partition(".")[0] == "dmis"))
+"""
+"""Program that renders a scene of the thesis with equal shares, and prints the modules of `dmis` that it imported."""
 SILENT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 """Tokens that do not make a line one of code."""
 
@@ -60,6 +68,24 @@ def called_functions(scene: dmis.Scene, rule: str, spp: int) -> set[CodeType]:
         sys.setprofile(None)
         threading.setprofile(None)
     return {code for code in codes if Path(code.co_filename).is_relative_to(PACKAGE)}
+
+
+def classes_called(codes: set[CodeType]) -> set[tuple[str, str]]:
+    """Return file and name of the classes whose methods, as the package's files write them, are among `codes`."""
+    words = ((code.co_filename, code.co_qualname.split(".")) for code in codes)
+    return {(file, names[0]) for file, names in words if len(names) > 1 and names[1] != "<locals>"}
+
+
+def modules_imported() -> list[str]:
+    """Return the modules of `dmis`, packages among them, that a render in a fresh process imports, see `FRESH`."""
+    return subprocess.run([sys.executable, "-c", FRESH], capture_output=True, text=True, check=True).stdout.split()
+
+
+def tokens_of(paths: Iterable[Path]) -> int:
+    """Return the number of names, operators, numbers and texts of files, docstrings included."""
+    kinds = {tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING}
+    lines = (io.StringIO(path.read_text("utf-8")).readline for path in paths)
+    return sum(token.type in kinds for line in lines for token in tokenize.generate_tokens(line))
 
 
 def code_lines(text: str) -> set[int]:
@@ -124,10 +150,10 @@ def is_code(token: tokenize.TokenInfo) -> bool:
     return token.type not in SILENT and not (token.type == tokenize.STRING and token.string.startswith('"""'))
 
 
-def lines_called(scene: dmis.Scene, rule: str, spp: int) -> dict[str, tuple[int, int]]:
-    """Return the lines of code that a render calls by file, without and with docstrings, see `count`."""
+def lines_called(called: set[CodeType]) -> dict[str, tuple[int, int]]:
+    """Return the lines of code of `called_functions` by file, without and with docstrings, see `count`."""
     by_file: dict[str, set[CodeType]] = {}
-    for code in called_functions(scene, rule, spp):
+    for code in called:
         by_file.setdefault(Path(code.co_filename).relative_to(PACKAGE).as_posix(), set()).add(code)
     lines = {name: count(PACKAGE / name, codes) for name, codes in by_file.items()}
     return {name: pair for name, pair in lines.items() if pair[0]}
@@ -157,8 +183,13 @@ def main() -> None:
     scene = small_scene()
     if not arguments.first:  # plan, tables and Embree scene are kept with the scene
         dmis.render(scene, arguments.rule, arguments.spp, seed=1, parallel=1)
-    lines = lines_called(scene, arguments.rule, arguments.spp)
-    path = reading_path()
+    called = called_functions(scene, arguments.rule, arguments.spp)
+    lines, path, files = lines_called(called), reading_path(), sorted(PACKAGE.rglob("*.py"))
+    total = sum(file.read_text("utf-8").count("\n") for file in files)
+    print(f"dmis: {total:,} lines, {tokens_of(files):,} tokens; a render by a fresh process imports", end=" ")
+    print(
+        f"{len(modules_imported())} modules;\nthe render below calls methods of {len(classes_called(called))} classes"
+    )
     print(f"{'file':38} {'lines':>6} {'with docstrings':>16}")
     for name in [*path, *sorted(lines.keys() - set(path))]:
         without, documented = lines.get(name, (0, 0))

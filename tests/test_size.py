@@ -58,6 +58,8 @@ RENDERS = {"thesis": (37, 2260), "auto": (48, 3040)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 TOKENS, JOINED = 12.13, 20.0
 """Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""
+MODULES, CLASSES = 159, 33
+"""Modules of dmis that a render with equal shares imports, and classes whose methods it calls."""
 FIELDS = {Batch: 8, Round: 13, Rule: 8}
 """Fields of the objects that go through a render; of a rule the attributes that a class of one's own may have."""
 
@@ -141,6 +143,13 @@ def test_modules() -> None:
 def test_what_a_render_calls(rule: str) -> None:
     scene = count_lines.small_scene()
     dmis.render(scene, rule, 16, parallel=1)  # plan, tables and Embree scene are kept with the scene
-    lines = count_lines.lines_called(scene, rule, 16)
+    lines = count_lines.lines_called(count_lines.called_functions(scene, rule, 16))
     files, most = RENDERS[rule]
     assert len(lines) <= files and sum(described for _, described in lines.values()) <= most
+
+
+def test_what_a_reader_meets() -> None:
+    scene = count_lines.small_scene()
+    dmis.render(scene, "balance", 16, parallel=1)
+    assert len(count_lines.classes_called(count_lines.called_functions(scene, "balance", 16))) <= CLASSES
+    assert len(count_lines.modules_imported()) <= MODULES
