@@ -5,10 +5,9 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
-import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -31,19 +30,18 @@ def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
     folder = path.resolve().parent
     if not folder.is_dir():
         raise FileNotFoundError(f"cannot write {path}: its directory does not exist; create it first")
-    mode = 0
-    with suppress(FileNotFoundError):
-        mode = path.stat().st_mode  # an error if the name is too long
-    if stat.S_ISDIR(mode):
+    if path.is_dir():
         raise IsADirectoryError(f"cannot write {path}: it is a directory")
-    if mode and not os.access(path, os.W_OK):
+    if path.exists() and not os.access(path, os.W_OK):  # an error if the name is too long
         raise PermissionError(f"cannot write {path}: it is write-protected")
-    if mode and not stat.S_ISREG(mode):
+    if path.exists() and not path.is_file():
         return  # a pipe or a device is written in place
     _check_folder_writable(folder, f"cannot write {path}")
     free = shutil.disk_usage(folder).free
     if free < size:
-        raise OSError(f"cannot write {path}: it may need {_mb(size)}, and {folder} has {_mb(free)} left")
+        raise OSError(
+            f"cannot write {path}: it may need {size / 1e6:.1f} MB, and {folder} has {free / 1e6:.1f} MB left"
+        )
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
@@ -82,10 +80,6 @@ def check_package(module: str, purpose: str, install: str) -> None:
         importlib.import_module(module)
     except ImportError as error:
         raise ValueError(f"{purpose} needs {module}, which cannot be imported ({error}): {install}") from error
-
-
-def _mb(size: int) -> str:
-    return f"{size / 1e6:.1f} MB"
 
 
 def partial_path(path: str | os.PathLike[str]) -> Path:
