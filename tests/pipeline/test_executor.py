@@ -2,13 +2,12 @@
 
 import multiprocessing
 import os
-import pickle
 import signal
 import subprocess
 import sys
 import time
 import weakref
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -169,6 +168,11 @@ def test_error_names_missing_main_guard(tmp_path):
     assert last.startswith("ChildProcessError") and 'outside of `if __name__ == "__main__":`' in last
 
 
+def _blocks_ctrl_c(pid):
+    (line,) = (line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigBlk"))
+    return int(line.split()[1], 16) >> signal.SIGINT - 1 & 1
+
+
 SCRIPT = """
 import multiprocessing
 import dmis
@@ -189,16 +193,6 @@ def _runs(pid):
         return False
 
 
-class Inline(Executor):
-    """An executor of some other kind: at once, through pickle."""
-
-    def submit(self, function, /, *arguments):
-        future = Future()
-        function, arguments = pickle.loads(pickle.dumps((function, arguments)))
-        future.set_result(function(*arguments))
-        return future
-
-
 def test_processes_wait_for_the_next_call(box, wide, pickled):
     """They stay if it has the same scene; another one ends them. Their CPU seconds are in the result."""
     options = {"rule": "balance", "spp": 4, "parallel": dmis.Processes(2)}
@@ -212,32 +206,12 @@ def test_processes_wait_for_the_next_call(box, wide, pickled):
     check(here, first)
     assert here.seconds["workers"] == 0 < min(first.seconds["workers"], again.seconds["workers"])
     for child in multiprocessing.active_children():
+        assert _blocks_ctrl_c(child.pid)
         os.kill(child.pid, signal.SIGKILL)
         child.join()
     check(dmis.render(wide, **options), first)
     dmis.render(box, **options)
     assert len(multiprocessing.active_children()) == 1  # one tile, and no more of the other scene
-
-
-def test_workers_do_not_hear_ctrl_c(box, cluster):
-    """From their start on, and on a cluster that this process has started; else each prints a traceback."""
-    with closing(executor.Workers(box, dmis.Processes(1))) as workers:
-        ((_, blocked),) = workers.calls(_blocked, [0])
-    assert signal.SIGINT in blocked and signal.SIGINT not in _blocked(box, 0)
-    executor.Workers(box, cluster.get_executor(pure=False))
-    assert set(cluster.run(signal.getsignal, signal.SIGINT).values()) == {signal.SIG_IGN}
-    handler = signal.getsignal(signal.SIGINT)
-    executor._ignore_interrupts(os.getpid())  # of another's workers, which end by Ctrl-C
-    assert signal.getsignal(signal.SIGINT) is handler
-
-
-def _blocked(*_):
-    return signal.pthread_sigmask(signal.SIG_BLOCK, [])
-
-
-def test_any_executor_will_do(wide, threaded):
-    """One that nobody knows gets the scene with every tile."""
-    check(dmis.render(wide, parallel=Inline(), **OPTIONS), threaded)
 
 
 @pytest.mark.parametrize("parallel", [3, dmis.Processes(2)], ids=["threads", "processes"])
@@ -280,16 +254,9 @@ def test_bad_parallel(box, parallel):
     message = "parallel must be a whole number from 1 to 1024, the number of threads; or dmis.Processes.*; got "
     with pytest.raises(ValueError, match=message):
         dmis.render(box, "balance", 2, parallel=parallel)
-    if parallel is not dmis.Processes:
-        with pytest.raises(ValueError, match="number of processes must be a whole number from 1 to 1024; got"):
-            dmis.Processes(parallel)
-
-
-def test_parallel_in_words():
-    """As a comparison has it among its conditions."""
-    names = {None: f"{os.cpu_count()} thread", 1: "1 thread", 8: "8 threads", dmis.Processes(2): "2 processes"}
-    for parallel, words in (*names.items(), (Inline(), "executor Inline")):
-        assert executor.describe_parallel(parallel).startswith(words)
+    with pytest.raises(ValueError, match="number of processes must be a whole number from 1 to 1024; got"):
+        dmis.Processes(parallel)
+    assert executor.describe_parallel(8) == "8 threads" and executor.describe_parallel(1) == "1 thread"
 
 
 @pytest.fixture(scope="module")
@@ -320,7 +287,8 @@ def test_cluster_survives_a_death(wide, threaded, pickled, cluster):
 @pytest.mark.parametrize("kind", ["processes", "cluster"])
 def test_workers_render_small_images_whole(box, tmp_path, monkeypatch, kind, request):
     """With the same errors in the same order, and similar CPU seconds; rules of one's own are rendered tile by tile."""
-    parallel = dmis.Processes(2) if kind == "processes" else request.getfixturevalue("cluster").get_executor(pure=False)
+    client = None if kind == "processes" else request.getfixturevalue("cluster")
+    parallel = client.get_executor(pure=False) if client else dmis.Processes(2)
     monkeypatch.setitem(RULES, "mine", Fixed)
     reference = dmis.make_reference(box, 16, folder=tmp_path)
     budgets, recorded = [(PINNED, 8), ("auto", 64), ("balance", 64)], []
@@ -334,6 +302,8 @@ def test_workers_render_small_images_whole(box, tmp_path, monkeypatch, kind, req
     assert [(run.rule, run.seed) for run, _ in recorded] == [(rule, seed) for seed in range(3) for rule, _ in budgets]
     np.testing.assert_array_equal(recorded[4][1].image, dmis.render(box, "auto", 64, seed=1).image)
     runs |= measure(box, [("mine", 64)], 3, reference, parallel=parallel)
+    if client:  # else each prints a traceback at Ctrl-C
+        assert set(client.run(signal.getsignal, signal.SIGINT).values()) == {signal.SIG_IGN}
     for budget, by_seed in runs.items():
         assert [(r.seed, r.mse, r.rays) for r in by_seed] == [(r.seed, r.mse, r.rays) for r in serial[budget]]
         one, other = (np.median([r.cpu_seconds for r in of]) for of in (serial[budget], by_seed))
@@ -368,21 +338,15 @@ def test_tiles_that_kill_their_workers_are_given_up(wide, cluster):
         scheduler.allowed_failures = allowed
 
 
-def test_cluster_on_the_command_line(cluster, tmp_path):
-    """``--cluster ADDRESS`` gives the same file as ``--threads``."""
-    command = ["render", "teapot-area-light", "--resolution", "40x30", "--spp", "8", "--quiet", "-o"]
-    where = {"a.exr": ["--threads", "1"], "b.exr": ["--cluster", cluster.scheduler.address]}
-    for name, options in where.items():
-        assert main([*command, str(tmp_path / name), *options]) == 0
-    one, other = (dmis.read_exr(tmp_path / name)[0] for name in where)
-    np.testing.assert_array_equal(one["RGB"], other["RGB"])
-
-
-def test_no_cluster(monkeypatch, capsys, tmp_path):
-    """An address where no one answers ends with a message."""
-    distributed = pytest.importorskip("distributed")
+def test_cluster_on_the_command_line(cluster, monkeypatch, capsys, tmp_path):
+    """``--cluster ADDRESS`` renders there; an address where no one answers ends with a message."""
+    distributed = sys.modules["distributed"]
     monkeypatch.setattr("dmis.cli.rendering.CLUSTER_TIMEOUT", 0.5)
-    arguments = ["render", "teapot-area-light", "-o", str(tmp_path / "a.exr"), "--cluster"]
+    arguments = ["render", "teapot-area-light", "-o", str(tmp_path / "a.exr"), "--resolution", "40x30", "--spp", "8"]
+    arguments += ["--quiet", "--cluster"]
+    assert main([*arguments, cluster.scheduler.address]) == 0
+    here = dmis.render(dmis.load_scene("teapot-area-light", (40, 30)), spp=8)
+    np.testing.assert_array_equal(dmis.read_exr(tmp_path / "a.exr")[0]["RGB"], here.image)
     assert main([*arguments, "tcp://127.0.0.1:9"]) == 2
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as empty:
