@@ -121,8 +121,8 @@ class Workers:
             for item in items:
                 waiting[self._submit(function, item)] = item
             for future in as_completed(list(waiting)):
-                item = waiting.pop(future)
-                yield item, future.result()
+                yield waiting[future], future.result()
+                del waiting[future]  # not before: a pool whose last call failed is not kept
         except losses as error:
             script = ', or if a script starts the render outside of `if __name__ == "__main__":`' if self._own else ""
             raise ChildProcessError(
@@ -157,7 +157,8 @@ def worker_processes(parallel: Parallel) -> int:
 class _ProcessPool(ThreadPoolExecutor):
     """Threads, each of which makes its calls in a process of its own, and knows by its pipe when that dies.
 
-    A `ProcessPoolExecutor` waits forever if a process dies while it sends a result.
+    A `ProcessPoolExecutor` waits forever if a process dies while it sends a result, that of loky 3.7, too: all of its
+    processes write to one pipe, which the others keep open.
     """
 
     def __init__(self, number: int, scene: Scene, plugins: Sequence[Path]) -> None:

@@ -105,6 +105,17 @@ def test_half_a_result(wide, monkeypatch):
         dmis.render(wide, "balance", 2, parallel=dmis.Processes(2))
 
 
+def test_processes_with_a_dead_one_are_not_kept(box):
+    """Even if no other call was waiting: the next render would get the same processes, one of which is dying."""
+    with closing(executor.Workers(box, dmis.Processes(1))) as workers, pytest.raises(ChildProcessError):
+        list(workers.calls(_exit, [1]))
+    assert not executor._idle_pools
+
+
+def _exit(_, code):
+    os._exit(code)
+
+
 def _half(pipe, _):
     pipe.recv_bytes()
     pipe.recv()
