@@ -11,17 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.atomic_files import check_package, check_writable, replacing
+from dmis.base.atomic_files import check_writable, replacing
+from dmis.base.validate import check_package
 from dmis.base.vectors import Array
+from dmis.base.window import MAX_VALUES, check_size
 
-MAX_PIXELS = 2**25
-"""Most pixels of an image that is rendered or read from a file: 400 MB of RGB."""
-MAX_SIDE = 65535
-"""Most pixels on a side of an image that is rendered or read from a file."""
-MAX_CHANNELS = 64
-"""Most channels of an image file that is read."""
-MAX_VALUES = 16 * MAX_PIXELS
-"""Most values of all channels of an image file that is read."""
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """Chromaticities x, y of red, green, blue and white of all images, also those of EXR files that do not name theirs."""
 
@@ -106,19 +100,6 @@ def read_exr(path: str | os.PathLike[str], most_values: int = MAX_VALUES) -> tup
     except Exception as error:
         raise ValueError(f"cannot read {path} as EXR: {error}") from error
     return layers, {name: value for name, value in header.items() if isinstance(value, str)}
-
-
-def check_size(width: int, height: int, channels: int = 1, most_values: int = MAX_VALUES) -> None:
-    """Refuse an image that is empty or too large, before memory is taken for it."""
-    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
-        raise ValueError(
-            f"resolution must be 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS} pixels; got {width}x{height}"
-        )
-    if not 1 <= channels <= MAX_CHANNELS or channels * width * height > most_values:
-        raise ValueError(
-            f"an image must have at most {MAX_CHANNELS} channels, and {most_values} values in them; "
-            f"got {channels} of {width}x{height}"
-        )
 
 
 def srgb_to_linear(values: Array) -> Array:

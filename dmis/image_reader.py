@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dmis.base.atomic_files import check_package
-from dmis.base.validate import number
+from dmis.base.validate import check_package, number
 from dmis.base.vectors import Array
-from dmis.image import MAX_VALUES, check_size, read_exr, srgb_to_linear
+from dmis.base.window import MAX_VALUES, check_size
+from dmis.image import read_exr, srgb_to_linear
 
 IMAGE_SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".tga", ".hdr", ".pfm")
 """Extensions of the image files that are read."""

@@ -17,10 +17,12 @@ from typing import Protocol
 
 import numpy as np
 
-from dmis.base.atomic_files import check_package
 from dmis.base.malloc import keep
+from dmis.base.validate import check_package
 from dmis.base.vectors import Array, Index, Selection, take
 
+UNTRACED = "untraced"
+"""Beside the kinds of rays: camera samples of pixels that no triangle covers, for which no ray is traced."""
 CHECK_RAYS = sys.flags.dev_mode
 """Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests. One NaN makes
 Embree walk its whole tree, about 1 ms per ray, which looks like a hang."""

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.image import MAX_PIXELS, encode_png, tonemap, write_exr
+from dmis.base.window import MAX_PIXELS
+from dmis.image import encode_png, tonemap, write_exr
 from dmis.image_reader import load_image
 
 pytest.importorskip("OpenImageIO")

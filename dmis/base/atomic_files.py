@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import shutil
 import tempfile
@@ -66,20 +65,6 @@ def _check_folder_writable(folder: Path, complaint: str) -> None:
             file.write(b"\0")
     except OSError as error:
         raise type(error)(f"{complaint}: {error.strerror} (in {folder})") from error
-
-
-def check_package(module: str, purpose: str, install: str) -> None:
-    """Check that the package that writes a result can be imported, before the result is computed.
-
-    Raises
-    ------
-    ValueError
-        If it cannot; the message ends with `install`, the command that installs it.
-    """
-    try:
-        importlib.import_module(module)
-    except ImportError as error:
-        raise ValueError(f"{purpose} needs {module}, which cannot be imported ({error}): {install}") from error
 
 
 def partial_path(path: str | os.PathLike[str]) -> Path:

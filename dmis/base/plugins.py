@@ -26,7 +26,6 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-from dmis.base.synonyms import PLUGINS
 from dmis.base.validate import did_you_mean
 
 T = TypeVar("T")
@@ -168,6 +167,8 @@ class Registry(UserDict[str, T]):
         advice
             What to do, if the name is not that of a plug-in of examples/literature.
         """
+        from dmis.base.synonyms import PLUGINS
+
         if name in PLUGINS:
             plugin = PLUGINS[name]
             advice = f". It is a plug-in: load it with --plugin {plugin}, or dmis.load_plugin({plugin!r})"

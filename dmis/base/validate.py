@@ -5,9 +5,9 @@ Numbers of NumPy are accepted and converted to Python's, so that dataclasses mad
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Callable, Iterable
-from difflib import get_close_matches
 from math import inf
 from typing import Any, TypeVar
 
@@ -69,6 +69,8 @@ def did_you_mean(name: str, names: Iterable[str], likeness: float = 0.6) -> str:
 
     `likeness`, of `difflib.get_close_matches`, is that of the names, from 0 to 1, upper and lower case being the same.
     """
+    from difflib import get_close_matches
+
     known = {other.lower(): other for other in sorted(names)}
     similar = get_close_matches(name.lower(), known, 1, likeness)
     return f", did you mean {known[similar[0]]!r}?" if similar else ""
@@ -184,3 +186,17 @@ def check_methods(value: object, protocol: type, names: Iterable[str]) -> None:
                 f"{type(value).__name__} must define the method {name}({arguments}), for which {protocol.__name__} has "
                 f"no default. {purpose}"
             )
+
+
+def check_package(module: str, purpose: str, install: str) -> None:
+    """Check that the package that writes a result can be imported, before the result is computed.
+
+    Raises
+    ------
+    ValueError
+        If it cannot; the message ends with `install`, the command that installs it.
+    """
+    try:
+        importlib.import_module(module)
+    except ImportError as error:
+        raise ValueError(f"{purpose} needs {module}, which cannot be imported ({error}): {install}") from error

@@ -85,6 +85,14 @@ def accumulate(total: Array, value: Array, index: Selection | None) -> None:
         np.add.at(row, index, values)
 
 
+def distinct(values: npt.ArrayLike) -> np.ndarray:
+    """Return the different values of an array, ascending, as `numpy.unique` does.
+
+    Without counts that imports numpy.ma, which takes 0.01 s of a first render.
+    """
+    return np.unique(values, return_counts=True)[0]
+
+
 def columns(table: Array, index: Index) -> Array:
     """Return the rows `index` ``(N,)`` of a table ``(T, C)`` as columns ``(C, N)``, transposed block by block."""
     transposed = np.empty((table.shape[1], len(index)), table.dtype)

@@ -1,4 +1,4 @@
-"""Windows: parts of an image, ``(x0, y0, x1, y1)`` in pixels from the top left, as on the command line."""
+"""Sizes of images, and windows: parts of an image, ``(x0, y0, x1, y1)`` in pixels from the top left."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from typing import Any
 
 from dmis.base.validate import whole
 
+MAX_PIXELS = 2**25
+"""Most pixels of an image that is rendered or read from a file: 400 MB of RGB."""
+MAX_SIDE = 65535
+"""Most pixels on a side of an image that is rendered or read from a file."""
+MAX_CHANNELS = 64
+"""Most channels of an image file that is read."""
+MAX_VALUES = 16 * MAX_PIXELS
+"""Most values of all channels of an image file that is read."""
 Window = tuple[int, int, int, int]
 """First column and row, and the column and row after the last: ``(x0, y0, x1, y1)``."""
 
@@ -43,3 +51,16 @@ def overlap(area: tuple[slice, slice], window: Window) -> tuple[tuple[slice, sli
         return slice(top - y, bottom - y), slice(left - x, right - x)
 
     return from_corner(columns.start, rows.start), from_corner(window[0], window[1])
+
+
+def check_size(width: int, height: int, channels: int = 1, most_values: int = MAX_VALUES) -> None:
+    """Refuse an image that is empty or too large, before memory is taken for it."""
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
+        raise ValueError(
+            f"resolution must be 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS} pixels; got {width}x{height}"
+        )
+    if not 1 <= channels <= MAX_CHANNELS or channels * width * height > most_values:
+        raise ValueError(
+            f"an image must have at most {MAX_CHANNELS} channels, and {most_values} values in them; "
+            f"got {channels} of {width}x{height}"
+        )

@@ -14,12 +14,13 @@ from dmis.bench.data import FULL, PACKAGED, SCENES, SMALL, path_of, read_pilots
 from dmis.bench.decide import AnyRule, decide
 from dmis.bench.judge import shares_and_samples
 from dmis.bench.samples import cost_without_shadow_rays
-from dmis.estimator.cost import RAY, UNTRACED, count_camera_samples
+from dmis.estimator.cost import RAY, count_camera_samples
 from dmis.estimator.settings import Settings
 from dmis.fit.fixed import Given
 from dmis.fit.round import Round
 from dmis.formats.load_scene import load_scene
 from dmis.formats.shipped import SCENE_FOLDER
+from dmis.intersect import UNTRACED
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 

@@ -20,23 +20,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dmis.base.color import Rgb
 from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
-from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.fresnel import Conductor, Dielectric, check_ior, check_metal_index
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.microfacet import Microfacet
-from dmis.brdf.relief import Relief
-from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.brdf.texture import FLOAT32_MAX, Image, check_number, check_values, reads_images, scale
+
+if TYPE_CHECKING:
+    from dmis.brdf.relief import Relief
 
 COPPER_ETA: Rgb = (0.200438, 0.924033, 1.102212)
 COPPER_K: Rgb = (3.912949, 2.452848, 2.142188)
@@ -107,6 +107,8 @@ def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Ma
 @reads_images
 def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
     """Make a glossy and a mirror lobe of conductors whose reflectance at normal incidence is `ks`, `kr`, no images."""
+    from dmis.brdf.specular import SpecularReflection
+
     is_black("ks", ks), is_black("kr", kr)
     glossy = Microfacet(1.0, blinn(roughness), _conductor_of("ks", ks))
     return assemble("shinymetal", ("ks", ks, glossy), ("kr", kr, SpecularReflection(1.0, _conductor_of("kr", kr))))
@@ -118,6 +120,8 @@ def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness:
 
     Only if they differ it needs tangents.
     """
+    from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
+
     is_black("kd", kd), is_black("ks", ks)
     u, v = _exponent("u_roughness", u_roughness), _exponent("v_roughness", v_roughness)
     same = u_roughness is v_roughness or u == v
@@ -130,6 +134,8 @@ def uber(
     kd: Any = 0.25, ks: Any = 0.25, kr: Any = 0, kt: Any = 0, roughness: Any = 0.1, eta: float = 1.5, opacity: Any = 1
 ) -> Material:
     """Make diffuse, glossy, mirror and refraction in one; a share ``1 - opacity`` (number or RGB) is clear."""
+    from dmis.brdf.specular import SpecularReflection, SpecularTransmission
+
     for name, value in (("kd", kd), ("ks", ks), ("kr", kr), ("kt", kt)):
         is_black(name, value)
     clear = 1 - check_values("opacity", opacity, "in [0, 1]", "the rest goes straight through", 0, 1, image=False)
@@ -148,12 +154,16 @@ def uber(
 @reads_images
 def mirror(kr: Any = 0.9) -> Material:
     """Make a perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS."""
+    from dmis.brdf.specular import SpecularReflection
+
     return assemble("mirror", ("kr", kr, SpecularReflection(kr)))
 
 
 @reads_images
 def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
     """Make smooth glass: mirror reflection and refraction, divided by Fresnel."""
+    from dmis.brdf.specular import SpecularReflection, SpecularTransmission
+
     eta = check_ior("eta", eta)
     mirrored, refracted = SpecularReflection(kr, Dielectric(eta)), SpecularTransmission(kt, eta)
     return assemble("glass", ("kr", kr, mirrored), ("kt", kt, refracted))

@@ -18,7 +18,6 @@ import numpy as np
 
 from dmis.base.validate import one_of
 from dmis.base.vectors import Array, Index
-from dmis.image_reader import load_image
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -57,7 +56,7 @@ class Image:
 
     def __post_init__(self) -> None:
         if isinstance(self.texels, str | os.PathLike):
-            object.__setattr__(self, "texels", load_image(self.texels)[::-1])
+            object.__setattr__(self, "texels", _read(self.texels))
         given = np.asarray(self.texels)
         if given.dtype.kind in "ui" and given.size and given.max() > 1:
             raise ValueError(
@@ -167,10 +166,17 @@ def _folded(x: Array, wrap: Wrap) -> Array:
     return x - np.floor(x) if wrap == "repeat" else x
 
 
+def _read(path: Any, linear: bool = False) -> Array:
+    """Return the texels of an image file, the bottom row first, see `dmis.load_image`."""
+    from dmis.image_reader import load_image  # where a texture has a file
+
+    return load_image(path, linear=linear)[::-1]
+
+
 def image_of_data(name: str, value: Any) -> Image:
     """Return an image, that of a file whose numbers are no colours if `value` is its path; refuse others by `name`."""
     if isinstance(value, str | os.PathLike):
-        return Image(load_image(value, linear=True)[::-1])
+        return Image(_read(value, linear=True))
     if not isinstance(value, Image):
         raise ValueError(f"{name} must be an Image, or the path of an image file; got {value!r}")
     return value
@@ -185,19 +191,18 @@ def reads_images(make: Callable[P, R]) -> Callable[P, R]:
 
     Files are decoded from sRGB where they are the colours `COLOURS`, and else taken as they are.
     """
-    names = signature(make)
 
     @wraps(make)
     def make_with_images(*args: P.args, **kwargs: P.kwargs) -> R:
         if not any(isinstance(value, str | os.PathLike) for value in (*args, *kwargs.values())):
             return make(*args, **kwargs)
-        bound = names.bind(*args, **kwargs)
+        bound = signature(make).bind(*args, **kwargs)
         for name, value in bound.arguments.items():
             if isinstance(value, str | os.PathLike):
                 if not os.path.isfile(value):
                     what = "a number, an RGB triple, an Image or the path of an image file"
                     raise ValueError(f"{name} must be {what}; there is no file {str(value)!r}")
-                bound.arguments[name] = Image(load_image(value, linear=name not in COLOURS)[::-1])
+                bound.arguments[name] = Image(_read(value, linear=name not in COLOURS))
         return make(*bound.args, **bound.kwargs)
 
     return make_with_images

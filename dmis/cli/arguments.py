@@ -15,9 +15,9 @@ from typing import Any, NamedTuple, NoReturn
 from dmis import __version__
 from dmis.base.synonyms import COMMAND_LINE, advice
 from dmis.base.text import printable
+from dmis.base.window import MAX_SIDE
 from dmis.estimator.settings import Settings
 from dmis.fit.registry import RULES
-from dmis.image import MAX_SIDE
 from dmis.pipeline.executor import MAX_WORKERS
 
 Options = Mapping[str, Mapping[str, Any]]

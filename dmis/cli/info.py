@@ -10,7 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from dmis import __version__
-from dmis.base.atomic_files import check_package, check_writable
+from dmis.base.atomic_files import check_writable
+from dmis.base.validate import check_package
 from dmis.cli.shared import describe, load, say
 from dmis.experiment.metrics import flip, mse, relmse
 from dmis.experiment.reference import load_reference

@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from dmis.base.atomic_files import check_package, check_writable, replacing
-from dmis.base.validate import one_of
+from dmis.base.atomic_files import check_writable, replacing
+from dmis.base.validate import check_package, one_of
 from dmis.cli.shared import check_page, describe, load, progress_bar, say, settings_of
 from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import load_reference, make_reference

@@ -22,14 +22,17 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dmis.base.vectors import Array, compose, take, take_optional
-from dmis.estimator.patterns import LightSubsets
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.samplers.streams import Numbers
+
+if TYPE_CHECKING:
+    from dmis.estimator.patterns import LightSubsets
 
 
 def shares_of(weight: Array | float | Sequence[float]) -> Array:
@@ -238,6 +241,8 @@ class SampleAllocation:
             before = None if before is None else before.take(order, axis=1)
         subsets: LightSubsets | None = None
         if self._halvings is not None:
+            from dmis.estimator.patterns import LightSubsets
+
             within_round = number - self._begin.take(pixel)
             subsets = LightSubsets(self._halvings.take(pixel, axis=1), within_round, self._spp.take(pixel))
         shares, tilt = take(self._shares, pixel), take_optional(self._tilt, pixel)

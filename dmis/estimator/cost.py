@@ -14,13 +14,12 @@ from dmis.base.vectors import Array
 from dmis.estimator.patterns import EQUAL, FIRST, SAMPLES_OF, SHARE_OF, SHARES
 from dmis.estimator.technique import SHADING as SHADING
 from dmis.estimator.technique import Technique, technique_by_name
+from dmis.intersect import UNTRACED
 
 CAMERA, RAY = 1.0, 0.4
 """A camera ray with its surface point; an occlusion ray. A shading sample before its ray is `SHADING`, or the
 `dmis.estimator.technique.Technique.cost` of another technique. Relative units.
 """
-UNTRACED = "untraced"
-"""Beside the kinds of rays: camera samples of pixels that no triangle covers, for which no ray is traced."""
 
 
 def count_camera_samples(rays: Mapping[str, int]) -> int:

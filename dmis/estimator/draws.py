@@ -12,14 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, compose, indices, size, take, take_optional
 from dmis.estimator.batch import Batch, Samples, Vertices
-from dmis.estimator.patterns import LightSubsets
 from dmis.light.light import SampledLight
+
+if TYPE_CHECKING:
+    from dmis.estimator.patterns import LightSubsets
 
 MERGED = 2**15
 """Largest merged batch, in shading samples: larger ones are slower than several, because they leave the cache."""

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, take
+from dmis.estimator.records import BLOCKS
 from dmis.estimator.settings import Settings
 from dmis.scene.plan import Plan
 
@@ -38,8 +39,6 @@ SHARE_OF = np.array([int(np.argmin(np.abs(SHARES - n_l / (n_l + n_b)))) for n_l,
 SAMPLES_OF = np.array([n_l + n_b for n_l, n_b in PATTERNS])
 """Shading samples of each pattern."""
 
-BLOCKS = 4
-"""Sub-blocks of the camera samples of a pixel; a pixel of fewer samples has one for each."""
 MOST_HALVINGS = 3
 """Largest number of halvings: at least one camera sample in eight samples a light."""
 LEAST_LOOKS = 8

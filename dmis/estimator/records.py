@@ -9,6 +9,8 @@ from typing import Any, Literal, Protocol
 from dmis.base.vectors import Array, Selection
 from dmis.scene.shading_points import ShadingPoints
 
+BLOCKS = 4
+"""Sub-blocks of the camera samples of a pixel; a pixel of fewer samples has one for each."""
 PIXEL_SUMS = ("closest hits", "occlusion rays", "squares")
 """Sums of a film whose statistic wants ``pixel_sums``: rays of the pixels, and their samples squared."""
 

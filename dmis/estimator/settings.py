@@ -9,13 +9,11 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any
 
-from dmis.base.synonyms import KEYWORDS
 from dmis.base.validate import did_you_mean, one_of, whole
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import Technique, technique_by_name
 from dmis.light.light_sample import check_compensation
-from dmis.light.selection import SELECTIONS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene, SceneWarning
 from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
@@ -167,7 +165,7 @@ class Settings:
         "auto",
         "lights sampled at a point: all; one at random; pbrt, all in direct lighting and one on paths; tree, power or "
         "even, one of many lights picked in this way (default auto: all, or tree if there are many)",
-        choices=("auto", "all", "one", "pbrt", *SELECTIONS),
+        choices=("auto", "all", "one", "pbrt", "even", "power", "tree"),
     )
     integrator: str = _option(
         "auto",
@@ -306,6 +304,8 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
         raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
     names = [field.name for field in fields(Settings)]
     if unknown := [name for name in options if name not in names]:
+        from dmis.base.synonyms import KEYWORDS
+
         written = [f"{KEYWORDS[name]} for {name}" for name in unknown if name in KEYWORDS]
         hint = f". Write {', '.join(written)}" if written else did_you_mean(unknown[-1], names)
         raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")

@@ -14,10 +14,9 @@ import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
 from dmis.estimator.batch import Batch, Vertices
-from dmis.estimator.cost import UNTRACED
 from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
-from dmis.intersect import Hits
+from dmis.intersect import UNTRACED, Hits
 from dmis.scene.shading_points import ShadingPoints
 
 POINTS = 2**17

@@ -22,7 +22,7 @@ from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.patches import patch_mean
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator.cost import RAY, UNTRACED, camera_sample_cost
+from dmis.estimator.cost import RAY, camera_sample_cost
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Record, Statistic
 from dmis.estimator.settings import DEFAULTS, Settings, make_settings
@@ -31,6 +31,7 @@ from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, from_cache, render_halves
 from dmis.fit.round import Budget, Fit, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
+from dmis.intersect import UNTRACED
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint, sampling_hashes
 from dmis.pipeline.progress import Progress

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,14 +17,15 @@ from dmis.base.validate import one_of
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic, wants_of
 from dmis.estimator.settings import Settings, check_mixture
 from dmis.estimator.technique import Technique, check_technique_form, technique_by_name
-from dmis.fit.sample_numbers import whole_samples
 from dmis.samplers.streams import stream
 from dmis.scene.plan import Plan
 from dmis.variance.moments import Film
+
+if TYPE_CHECKING:
+    from dmis.estimator.patterns import PatternMap
 
 _ROUNDING = 1e-6
 WEIGH = ("samples", "heuristic")
@@ -279,6 +280,8 @@ class Budget:
             shares = shares_of(np.clip(shares[0], *share_range))
         samples: Array | int = spp
         if fit.samples is not None:
+            from dmis.fit.sample_numbers import whole_samples
+
             samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))
         final = Round(
             samples,

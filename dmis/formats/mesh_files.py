@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,13 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmis.formats.model import MAX_FACES, Model
 from dmis.geometry.mesh import Mesh, concatenate, repair_normals, vertex_normals, weld
 
 if TYPE_CHECKING:
     import trimesh
 
-logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks of damaged files
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 """Extensions that :func:`load_mesh` reads."""
 
@@ -45,6 +42,8 @@ def placed_geometries(source: trimesh.Trimesh | trimesh.Scene) -> list[tuple[str
     Raises a ValueError if it is no such object, or there are no triangles, or more than `MAX_FACES`.
     """
     import trimesh
+
+    from dmis.formats.model import MAX_FACES
 
     if isinstance(source, trimesh.Trimesh):
         return [("", source)]
@@ -83,6 +82,7 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
             mesh = concatenate(list(read_obj(data)[0].values()))
         elif suffix in (".glb", ".gltf"):
             from dmis.formats.gltf.gltf_file import Gltf
+            from dmis.formats.model import Model
 
             mesh = concatenate([mesh for mesh, *_ in Gltf(Model(path, bare=True), data).primitives()])
         elif suffix == ".ply":
@@ -90,8 +90,11 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
 
             mesh = read_ply(data)
         else:
+            import logging
+
             import trimesh  # takes 50 MB and half a second
 
+            logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks of damaged files
             # process=True would merge and reorder vertices
             mesh = from_trimesh(trimesh.load_mesh(io.BytesIO(data), file_type="stl", process=False))
     if smooth is None or smooth == (mesh.normals is not None):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array, Index
+from dmis.base.vectors import Array, Index, distinct
 from dmis.intersect import Hits, RayCaster
 
 CORNER_ROUNDING = 2.0**-40
@@ -109,5 +109,5 @@ def find_overlaps(caster: RayCaster, triangles: Array, reach: float) -> tuple[In
         found.append(np.stack([index[met], hits.prim[met]]))
     first, second = np.concatenate(found, axis=1)
     count = int(second.max(initial=0)) + 1
-    first, second = np.divmod(np.unique(first * count + second), count)  # faster than np.unique of columns
+    first, second = np.divmod(distinct(first * count + second), count)  # faster than np.unique of columns
     return first, second

@@ -122,9 +122,7 @@ def remove_checkpoint(path: str | os.PathLike[str]) -> None:
 def _read_film(path: Path) -> Film:
     """Return the film of a file; raise an exception if it is damaged."""
     with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-        if damaged := archive.zip.testzip():
-            raise ValueError(f"the checksum of {damaged} is wrong")
-        arrays = dict(archive)
+        arrays = dict(archive)  # which compares checksums
     about = json.loads(str(arrays["about"]))
     sums = {name: arrays[name] for name in about["sums"]}
     n = arrays["n"] if arrays["n"].ndim else int(arrays["n"])

@@ -27,6 +27,7 @@ from dmis.samplers.streams import SAMPLERS
 from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
 
 if TYPE_CHECKING:
+    from dmis.estimator.settings import Settings
     from dmis.scene.scene import Scene
 
 MEANING = 2
@@ -88,6 +89,15 @@ def digest(value: Any, name: str = "value") -> str:
         return hashlib.sha256(_text(value, name).encode()).hexdigest()[:16]
     except RecursionError:
         raise ValueError(f"{name} must not contain itself, because all its content is hashed") from None
+
+
+def content_hashes(scene: Scene, rule: Any, settings: Settings) -> dict[str, str]:
+    """Return hashes of the scene, the rule, the sampler and techniques, and the code of dmis, by name.
+
+    With the rest of the provenance they are the key of a checkpoint. A ValueError if one has no fingerprint.
+    """
+    hashes = {"scene_hash": fingerprint(scene), "rule_hash": digest(rule, "rule"), "package_hash": package_hash()}
+    return hashes | sampling_hashes(vars(settings))
 
 
 def sampling_hashes(settings: Mapping[str, Any]) -> dict[str, str]:

@@ -15,16 +15,13 @@ from warnings import warn
 from dmis import __version__
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.base.window import Window
+from dmis.base.window import MAX_PIXELS, Window
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.settings import Settings
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget
 from dmis.fit.rule import Rule, check_settings, merge_settings, rule_text
-from dmis.fit.sample_numbers import LEVELS
-from dmis.image import MAX_PIXELS
-from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
 from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning
 
@@ -90,6 +87,8 @@ class Job:
         The hash of the scene takes time: so all of it is made when it is first read. The hash is None if a part of the
         scene has no fingerprint (`dmis.pipeline.fingerprint.digest`), because an image is written all the same.
         """
+        from dmis.pipeline.fingerprint import fingerprint
+
         scene = self.given_scene
         try:
             scene_hash = fingerprint(scene)
@@ -120,13 +119,11 @@ class Job:
 
     @property
     def key(self) -> dict[str, Any]:
-        """Key of a checkpoint: the provenance; rule, sampler and techniques by content; the layout of tiles; the code.
+        """Key of a checkpoint: all that its tiles depend on, by content; a ValueError if a part has no fingerprint."""
+        from dmis.pipeline.fingerprint import content_hashes
 
-        A ValueError if the scene or one of these has no fingerprint.
-        """
-        hashes = {"scene_hash": fingerprint(self.given_scene), "rule_hash": digest(self.rule, "rule")}
-        hashes |= sampling_hashes(vars(self.settings))
-        return {**self.provenance, **hashes, "tiles": layout(self.settings), "package_hash": package_hash()}
+        hashes = content_hashes(self.given_scene, self.rule, self.settings)
+        return {**self.provenance, **hashes, "tiles": layout(self.settings)}
 
 
 def resolve(
@@ -189,6 +186,8 @@ def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:
     """
     if settings.preset is not None:
         return PRESETS[settings.preset].rule, ""
+    from dmis.fit.sample_numbers import LEVELS
+
     auto, most = make_rule("auto"), LEVELS[-1] // 2
     reason = f"more than {most:,} samples per pixel, rendered with w = 1/2" if spp > most else auto.fallback(spp)
     try:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import replace
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,13 +18,14 @@ from dmis.base.malloc import LARGE_IMAGE, release
 from dmis.base.vectors import Array
 from dmis.base.window import overlap
 from dmis.fit.round import Round
-from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles, render_tile
-from dmis.scene.feature_buffers import render_feature_buffers, render_pixel_features
 from dmis.variance.moments import Film
+
+if TYPE_CHECKING:
+    from dmis.pipeline.checkpoint import Store
 
 _CHECKPOINT_BYTES = 24  # of a pixel in a pass, statistics not counted
 
@@ -76,6 +78,8 @@ class Passes:
         parallel = 1 if serial else check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:
+            from dmis.pipeline.checkpoint import Store
+
             passes = len(job.rule.pilot) + 1
             self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
         job.scene.prepare()
@@ -154,6 +158,8 @@ class Passes:
 
     def _features(self, of_pixels: bool) -> Mapping[str, Array]:
         """Return the feature buffers of the pixels or patches of the scene."""
+        from dmis.scene.feature_buffers import render_feature_buffers, render_pixel_features
+
         render = render_pixel_features if of_pixels else render_feature_buffers
         features, rays = render(self._job.given_scene)
         self.rays["guide"] += rays

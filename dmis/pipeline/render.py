@@ -15,7 +15,6 @@ from typing import Any
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
-from dmis.pipeline.image_layers import with_layers
 from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.progress import Progress, reporting
@@ -60,21 +59,20 @@ def render(
     progress
         True for a bar or a widget (extra ``progress``); or a `dmis.pipeline.progress.Progress`.
     checkpoint
-        Folder of finished tiles, from which a render resumes. It stays, because the image is not written yet, until
-        `dmis.remove_checkpoint` removes it. Several processes may share it.
+        Folder of finished tiles, from which a render resumes, until `dmis.remove_checkpoint` removes it.
     layers
         Names of layers of the result, such as ``["albedo", "direct"]``, see `dmis.pipeline.image_layers`.
 
-    Raises
-    ------
-    ValueError
-        If arguments are wrong or disagree, shares or pixels are invalid, or the checkpoint is of another image.
-    OSError
-        If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
+    A ValueError if arguments are wrong or disagree, shares or pixels are invalid, or a checkpoint is of another image;
+    an OSError if the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
     stop = None if noise is None and seconds is None else Stop(noise, seconds)
     job = resolve(scene, rule, spp, seed, make_settings(settings, **options), doubling=stop is not None)
-    return render_job(with_layers(job, layers) if layers else job, parallel, progress, checkpoint, stop)
+    if layers:
+        from dmis.pipeline.image_layers import with_layers  # needs the feature buffers
+
+        job = with_layers(job, layers)
+    return render_job(job, parallel, progress, checkpoint, stop)
 
 
 def render_job(

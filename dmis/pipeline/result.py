@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -13,13 +12,11 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator.cost import UNTRACED
 from dmis.fit.round import Round
-from dmis.image import png_of, write_exr, write_png
+from dmis.intersect import UNTRACED
 from dmis.pipeline.job import Job
 from dmis.pipeline.passes import Passes
 from dmis.samplers.streams import is_sequence
-from dmis.variance.fireflies import find_fireflies
 
 COSTLY = 0.2
 """Least share of a pilot in the variance of an image that is worth a line in reports."""
@@ -39,6 +36,10 @@ def write_image(path: str | os.PathLike[str], result: Result | Array, exposure: 
     OSError
         If the directory does not exist.
     """
+    import json
+
+    from dmis.image import write_exr, write_png
+
     image = result.image if isinstance(result, Result) else np.asarray(result)
     if Path(path).suffix.lower() == ".png":
         return write_png(path, image, exposure)
@@ -127,6 +128,8 @@ class Result:
 
     def _repr_png_(self) -> bytes:
         """Return `image` as a PNG file, which notebooks show: sRGB, exposure 1, clipped."""
+        from dmis.image import png_of
+
         return png_of(self.image)
 
     @cached_property
@@ -155,6 +158,8 @@ class Result:
     @property
     def fireflies(self) -> np.ndarray:
         """``(H, W)`` bool: pixels that look like fireflies, see `dmis.variance.fireflies.find_fireflies`."""
+        from dmis.variance.fireflies import find_fireflies
+
         return find_fireflies(self.image, self.variance, self.samples)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dmis.base.patches import PATCH, by_colour, patch_sum, pixels_apart
 from dmis.base.plugins import checked, guarded, is_shipped
-from dmis.base.vectors import Array, indices
+from dmis.base.vectors import Array, distinct, indices
 from dmis.estimator.allocation import SampleAllocation, SampleBlock, sample_batches, values_of_blocks
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import combiner_by_name
@@ -84,7 +84,7 @@ class Tile:
         """Return the random numbers of the pixels, in an image of `width` pixels."""
         rows, columns = np.arange(*self.rows), np.arange(*self.columns)
         pixels = (rows[:, None] * width + columns).reshape(-1)
-        stops = np.unique(self.round.spp + self.round.begin).tolist()
+        stops = distinct(self.round.spp + self.round.begin).tolist()
         block = PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples)
         sampler = SAMPLERS[settings.sampler]
         if not is_shipped(sampler):

@@ -9,8 +9,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from dmis.base.atomic_files import check_folder, check_package, check_writable
-from dmis.base.validate import whole
+from dmis.base.atomic_files import check_folder, check_writable
+from dmis.base.validate import check_package, whole
 from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.oracle import Oracle

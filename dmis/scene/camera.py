@@ -11,10 +11,9 @@ import numpy as np
 
 from dmis.base.validate import FARTHEST, direction, number, one_of, pair, whole
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.base.window import Window, window_area
+from dmis.base.window import Window, check_size, window_area
 from dmis.geometry import transforms
 from dmis.geometry.mesh import Mesh
-from dmis.image import check_size
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.samplers.warp import square_to_disk
 
@@ -206,16 +205,17 @@ class Camera:
             error = POSITION_ERROR * max(np.abs(mesh.vertices).max(), np.abs(self.origin).max())
             x, y, depth, scale = self.raster(mesh.vertices)
             near = error * scale  # of camera space, where lengths may differ from the world's
-            faces = mesh.faces[(depth[mesh.faces] > -near).any(axis=1)]
-            if (depth[faces] <= near).any():
+            ahead = depth > -near
+            faces = mesh.faces if ahead.all() else mesh.faces[ahead[mesh.faces].any(axis=1)]
+            if (depth <= near)[faces].any():
                 return None
-            places = np.stack([x, y])
+            places, corners = np.stack([x, y]), faces.T  # a minimum over the last axis of 3 is slow
             margin = 1 + reach + near / (depth * self.pixel)
             # rectangles outside of the image have no extent
-            left, top = np.floor(np.clip((places - margin)[:, faces].min(axis=2), 0, size)).astype(np.int64)
-            right, bottom = np.ceil(np.clip((places + margin)[:, faces].max(axis=2), 0, size)).astype(np.int64)
+            left, top = np.floor(np.clip((places - margin)[:, corners].min(axis=1), 0, size)).astype(np.int64)
+            right, bottom = np.ceil(np.clip((places + margin)[:, corners].max(axis=1), 0, size)).astype(np.int64)
             for row, column, step in ((top, left, 1), (top, right, -1), (bottom, left, -1), (bottom, right, 1)):
-                np.add.at(begins, (row, column), step)
+                np.add.at(begins.reshape(-1), row * (width + 1) + column, np.int32(step))  # in one axis: fast
         covered = begins.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
         return None if covered.all() else covered
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +17,13 @@ from dmis.base.validate import direction
 from dmis.base.vectors import Array, Index
 from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters, checked_lobe
 from dmis.brdf.materials import Material, matte
-from dmis.brdf.relief import Relief
 from dmis.brdf.texture import Image, Images
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight
-from dmis.scene.masks import Mask
+
+if TYPE_CHECKING:
+    from dmis.brdf.relief import Relief
+    from dmis.scene.masks import Mask
 
 NO_GROUP = 255
 """Group number of misses, and of surfaces that neither reflect nor emit."""

@@ -19,7 +19,6 @@ import numpy as np
 from dmis.brdf.materials import Material
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight, checked_light
 from dmis.light.pieces import Pieces
-from dmis.light.selection import SELECTIONS, select_lights
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group, simplify
 
@@ -134,7 +133,7 @@ class Plan:
         """Return the name of the selection by which one of `many` is sampled; None: each has its own samples."""
         if lights == "auto":
             return "tree" if len(self.many) >= MANY_LIGHTS else None
-        return lights if lights in SELECTIONS and self.many else None
+        return lights if self.many and lights not in ("all", "one", "pbrt") else None
 
     @cached_property
     def many(self) -> dict[int, Pieces]:
@@ -156,6 +155,10 @@ class Plan:
     def _with_selections(self, lights: str) -> tuple[SampledLight, ...]:
         """Return `sampled` with one light in the place of `many`, or of each that has many triangles."""
         name = self.selection(lights)
+        if name is None and not any(self.selects_triangles(light, lights) for light in self.sampled):
+            return self.sampled
+        from dmis.light.selection import select_lights
+
         if name is not None:
             alone = (light for light in self.sampled if id(light) not in self.many)
             return (select_lights(name, list(self.many.values())), *alone)

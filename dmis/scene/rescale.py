@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import TINY, Array
-from dmis.brdf.relief import BumpMap
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.refinement import diagonals
 from dmis.light.light import Light
@@ -80,6 +79,8 @@ def rescale(
     camera: Camera, parts: Sequence[Part], lights: Sequence[Light], units: tuple[Array, float, float]
 ) -> dict[str, Any]:
     """Return camera, parts and lights in other `units`, by name; a ValueError if a bump map has heights."""
+    from dmis.brdf.relief import BumpMap
+
     origin, length, gain = units
     if length != 1 and any(isinstance(part.material.relief, BumpMap) for part in parts):
         raise ValueError(

@@ -21,12 +21,9 @@ from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import lamp_triangles, two_sided
 from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
-from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts, point_light_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
-from dmis.scene.masks import MaskedCaster
 from dmis.scene.plan import Plan, textures
-from dmis.scene.probe import check_lobe_form
 from dmis.scene.rescale import ray_offsets, rescale, units
 from dmis.scene.shading_points import ShadingPoints, Surfaces
 from dmis.scene.suggestions import Suggestions
@@ -104,6 +101,8 @@ class Scene:
                 )
         for cls, lobe in {type(lobe): lobe for part in self.parts for lobe in part.material.lobes}.items():
             if not cls.__module__.startswith("dmis."):
+                from dmis.scene.probe import check_lobe_form
+
                 check_lobe_form(lobe)
         for light in self.lights:
             check_light_form(light)
@@ -204,6 +203,8 @@ class Scene:
 
     def describe(self) -> str:
         """Return in words what ``python -m dmis info`` prints: the plan, what the file suggests, how it was read."""
+        from dmis.scene.describe import describe_plan, describe_source
+
         unread = self.source.get("unread", ())
         return "\n".join([describe_plan(self.plan, unread), self.suggested.describe(), *describe_source(self.source)])
 
@@ -229,6 +230,8 @@ class Scene:
         masked = np.repeat([part.mask is not None for part in self.parts], [len(mesh.faces) for mesh in meshes])
         if not masked.any():
             return caster
+        from dmis.scene.masks import MaskedCaster
+
         solid = two_sided(Intersector(vertices, np.where(masked[:, None], offsets[-1], faces)), *lamps)
         return MaskedCaster(caster, solid, self.parts, lambda prim: columns(self.surfaces.uv, prim))
 

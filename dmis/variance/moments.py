@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from dmis.base.patches import PATCH
-from dmis.base.vectors import Array
-from dmis.estimator.patterns import BLOCKS
+from dmis.base.vectors import Array, distinct
+from dmis.estimator.records import BLOCKS
 from dmis.estimator.technique import BRDF, LIGHT, Technique
 
 
@@ -133,7 +133,7 @@ class SubBlocks:
     def add(self, samples: Array, pixels: np.ndarray, first: int) -> None:
         """Add the samples ``(count, 3, A)``, those from number `first` on, of the `pixels` ``(A,)``."""
         numbers = self._n.take(pixels)
-        for n in np.unique(numbers):
+        for n in distinct(numbers):
             chosen = slice(None) if (numbers == n).all() else np.flatnonzero(numbers == n)
             part = samples[..., chosen]
             places = pixels[chosen]

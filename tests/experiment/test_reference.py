@@ -71,7 +71,7 @@ def test_an_interrupted_reference(box, tmp_path, monkeypatch, stale):
     whole = dmis.make_reference(large, 32, folder=tmp_path / "whole")
     with monkeypatch.context() as patch:
         if stale == "other package":
-            patch.setattr("dmis.pipeline.job.package_hash", lambda: "another")
+            patch.setattr("dmis.pipeline.fingerprint.package_hash", lambda: "another")
         with pytest.raises(KeyboardInterrupt):
             dmis.make_reference(large, 32, folder=tmp_path, parallel=1, progress=interrupt)
     checkpoint = next(tmp_path.glob("*.0.tiles"))

@@ -21,13 +21,12 @@ from dmis.brdf.models import ggx
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.estimator import path, trace
-from dmis.estimator.cost import UNTRACED
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.fit.rule import merge_settings
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
-from dmis.intersect import Hits
+from dmis.intersect import UNTRACED, Hits
 from dmis.light.area import QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight

@@ -14,10 +14,8 @@ from dmis.base.color import Rgb
 from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array, Floats
 from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters, rgb
-from dmis.formats.pbrt.textures import image
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.light.delta import DistantLight, PointLight, SpotLight
-from dmis.light.environment import EnvironmentLight
 from dmis.light.light import Light
 
 
@@ -83,6 +81,9 @@ def _distant(p: Parameters, to_world: Floats) -> Light:
 
 
 def _infinite(p: Parameters, to_world: Floats) -> Light:
+    from dmis.formats.pbrt.textures import image
+    from dmis.light.environment import EnvironmentLight
+
     rotation = to_world[:3, :3] / scale_of(to_world, "an infinite light", "it is all directions")
     texels = np.ones((1, 1, 3))
     if p.dialect == "v4":

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dmis.brdf import materials
 from dmis.brdf.materials import Material
-from dmis.brdf.relief import BumpMap, NormalMap, Relief
 from dmis.brdf.texture import Image, scale
 from dmis.formats.pbrt.parameters import Parameters
-from dmis.formats.pbrt.textures import blend, image
 from dmis.formats.pbrt.tokens import Token, blame
+
+if TYPE_CHECKING:
+    from dmis.brdf.relief import Relief
 
 
 def materials_of(dialect: str) -> Mapping[str, Callable[[Parameters], Material] | None]:
@@ -43,14 +44,22 @@ def make_material(name: Token, p: Parameters, named: Mapping[str, Material]) -> 
 def _relief(p: Parameters) -> Relief | None:
     """Return the bump map of a material, called displacement in v4, or its normal map."""
     heights = p.real("displacement" if p.dialect == "v4" else "bumpmap", 0.0)
-    if p.dialect == "v4" and "normalmap" in p.items:
+    has_normals = p.dialect == "v4" and "normalmap" in p.items
+    if not has_normals and not isinstance(heights, Image):
+        return None
+    from dmis.brdf.relief import BumpMap, NormalMap
+    from dmis.formats.pbrt.textures import image
+
+    if has_normals:
         p.refuse("a material must have a displacement or a normalmap, not both", "displacement")
         return NormalMap(Image(image(p, "normalmap", encoded=False)[::-1]), towards_dpdv=False)
-    return BumpMap(heights, p.dialect != "v4") if isinstance(heights, Image) else None
+    return BumpMap(heights, p.dialect != "v4")
 
 
 def _mix(p: Parameters, named: Mapping[str, Material]) -> Material:
     """Return the sum of two materials: pbrt-v4 picks one of them at random, with the same mean."""
+    from dmis.formats.pbrt.textures import blend
+
     amount: Any
     if p.dialect == "v3":  # the amount is the share of the first
         items = [p.required(f"namedmaterial{k}", "string") for k in (1, 2)]

@@ -10,7 +10,6 @@ import numpy as np
 
 from dmis.brdf import materials
 from dmis.brdf.materials import Material
-from dmis.brdf.specular import SpecularTransmission
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.parameters import Parameters
 
@@ -30,6 +29,8 @@ def _roughness(p: Parameters, default: float, name: str = "roughness") -> float 
 
 def _unscaled(material: Material) -> Material:
     """Return the material without the 1/eta^2 of refracted radiance, which pbrt-v2 leaves out."""
+    from dmis.brdf.specular import SpecularTransmission
+
     lobes: list[Any] = list(material.lobes)
     lobes = [replace(x, scaled=False) if isinstance(x, SpecularTransmission) else x for x in lobes]
     return replace(material, lobes=tuple(lobes))

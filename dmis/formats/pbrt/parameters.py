@@ -12,7 +12,6 @@ import numpy.typing as npt
 from dmis.base.color import Rgb, read_spd, spectrum_to_rgb, xyz_to_rgb
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
-from dmis.formats.pbrt.spectra import GLASSES, SPECTRA, luminous
 from dmis.formats.pbrt.tokens import PbrtError, Token, blame, either
 
 SPECTRUM_TYPES = ("color", "rgb", "xyz", "blackbody", "spectrum")
@@ -66,24 +65,31 @@ class Parameter:
 
         In v4 a light's spectrum is brought to luminance 1, unless it is of type rgb.
         """
+        with blame(self.token):
+            if self.kind in ("spectrum", "blackbody"):
+                r, g, b = self._of_spectrum(light)
+            else:
+                r, g, b = xyz_to_rgb(self.values) if self.kind == "xyz" else self.numbers.tolist()
+        return r, g, b
+
+    def _of_spectrum(self, light: bool) -> Rgb:
+        """Return the linear RGB of a value of the types spectrum and blackbody."""
+        from dmis.formats.pbrt.spectra import SPECTRA, luminous
+
         spectra = SPECTRA[self.token.dialect]
         luminance = light and self.kind == "spectrum" and self.token.dialect == "v4"
         sampled = spectrum_to_rgb if luminance else spectra.sampled
-        with blame(self.token):
-            if isinstance(self.values, tuple):
-                (name,), named = self.values, spectra.named()
-                if named and "." not in name:
-                    rgb = self.token.find("spectrum of the name", name, named)
-                else:
-                    rgb = sampled(*read_spd(self.token.file(name)))
-            elif self.kind == "spectrum":
-                rgb = sampled(self.values[::2], self.values[1::2])
-            elif self.kind == "blackbody":
-                rgb = spectra.blackbody(*self.values.tolist())
+        if isinstance(self.values, tuple):
+            (name,), named = self.values, spectra.named()
+            if named and "." not in name:
+                rgb = self.token.find("spectrum of the name", name, named)
             else:
-                rgb = xyz_to_rgb(self.values) if self.kind == "xyz" else self.values.tolist()
-            r, g, b = luminous(rgb) if luminance else rgb
-        return r, g, b
+                rgb = sampled(*read_spd(self.token.file(name)))
+        elif self.kind == "spectrum":
+            rgb = sampled(self.values[::2], self.values[1::2])
+        else:
+            rgb = spectra.blackbody(*self.values.tolist())
+        return luminous(rgb) if luminance else rgb
 
 
 @dataclass(eq=False)
@@ -255,6 +261,8 @@ class Parameters:
         """Return the index of refraction `name`, which must be positive."""
         parameter = self.items.get(name)
         if parameter is not None and parameter.kind == "spectrum" and self.dialect == "v4":
+            from dmis.formats.pbrt.spectra import GLASSES
+
             self.read_names.add(name)
             self.findings.append((DISPERSION, parameter))
             return float(parameter.token.find("glass of the name", parameter.single()[0], GLASSES))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from dmis.base.color import Rgb
 from dmis.base.vectors import Floats
 from dmis.brdf.distributions import Anisotropic, Elliptic
 from dmis.brdf.materials import Material
-from dmis.brdf.relief import BumpMap
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.lights import scale_of
 from dmis.formats.pbrt.parameters import rgb
@@ -28,9 +28,10 @@ from dmis.formats.pbrt.tokens import blame
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.light import AreaLight
-from dmis.light.mesh_light import MeshLight
 from dmis.scene.groups import Part
-from dmis.scene.masks import Mask
+
+if TYPE_CHECKING:
+    from dmis.scene.masks import Mask
 
 _CORNER_UV = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
 """Texture coordinates at the corners of each triangle of a mesh that has none."""
@@ -108,6 +109,8 @@ def _light(shape: Shape, mesh: Mesh, radiance: Rgb) -> AreaLight:
     if edges is not None:
         corner, u, v = map(rgb, edges)
         return QuadLight(corner, u, v, radiance)
+    from dmis.light.mesh_light import MeshLight
+
     return MeshLight(mesh.vertices, mesh.faces, radiance)
 
 
@@ -131,7 +134,7 @@ def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
     groups: dict[tuple[object, ...], tuple[Material, Mask | None, list[Mesh]]] = {}
     for shape, material in shapes:
         mesh = _placed(shape, material)
-        curved = shape.quadric is not None and isinstance(material.relief, BumpMap)
+        curved = shape.quadric is not None and material.relief is not None
         mask = None if shape.mask is None else id(shape.mask.image)
         key = id(material), curved, mesh.normals is None, mesh.uv is None, mask
         groups.setdefault(key, (_with_relief(material, curved), shape.mask, []))[2].append(mesh)
@@ -142,7 +145,11 @@ def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
 
 def _with_relief(material: Material, curved: bool) -> Material:
     """Return the material; on a quadric (`curved`) its bump map keeps dp/du and dp/dv, as in all versions of pbrt."""
-    if not curved or not isinstance(material.relief, BumpMap):
+    if not curved or material.relief is None:
+        return material
+    from dmis.brdf.relief import BumpMap
+
+    if not isinstance(material.relief, BumpMap):
         return material
     return replace(material, relief=replace(material.relief, unit_tangents=None))
 

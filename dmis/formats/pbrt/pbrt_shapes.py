@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from dmis.formats.pbrt.tokens import Token, blame, unzipped
 from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
 from dmis.scene.camera import Camera
-from dmis.scene.masks import Mask
+
+if TYPE_CHECKING:
+    from dmis.scene.masks import Mask
 
 LEAST_ALPHA = 1e-6
 """Smallest alpha of a surface that is there in v2 and v3, which ask whether it is 0."""
@@ -97,6 +99,8 @@ def make_mask(kind: str, p: Parameters) -> Mask | None:
         alpha = Image(np.full((1, 1, 1), alpha))
     if alpha.texels.min() < 0 or alpha.texels.max() > 1:
         alpha = replace(alpha, texels=np.clip(alpha.texels, 0, 1))
+    from dmis.scene.masks import Mask
+
     return Mask(alpha, None if v4 else LEAST_ALPHA)
 
 

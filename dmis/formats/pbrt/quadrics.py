@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.vectors import Floats
+from dmis.base.vectors import Floats, distinct
 from dmis.geometry.shapes import Quadric
 from dmis.scene.camera import Camera
 
@@ -135,12 +135,12 @@ def _nearness(quadric: Quadric, eye: Floats) -> tuple[Floats, Floats, Floats, Fl
         along = far - near, high - low
         nearest = ((axial - near) * along[0] + (eye[2] - low) * along[1]) / (along[0] ** 2 + along[1] ** 2)
         offsets = np.linspace(0, 1, 17) * max(1.0, abs(nearest))
-    v = np.unique(np.clip([nearest - offsets, nearest + offsets], 0, 1))
+    v = distinct(np.clip([nearest - offsets, nearest + offsets], 0, 1))
     radius, _, height = quadric.at(np.zeros((1, len(v))), v[None])[0][0].T
     # The nearest azimuth is reached from both ends of the sweep.
     azimuth = np.arctan2(eye[1], eye[0])
     nearby = [azimuth + 2 * np.pi * k + sign * _OFFSETS for k in (-1, 0, 1) for sign in (-1, 1)]
-    phi = np.unique(np.clip(nearby, 0, turn))
+    phi = distinct(np.clip(nearby, 0, turn))
     # d^2 = (rho - r)^2 + (z - h)^2 + 4 rho r sin^2(x / 2) from (rho, z) to a circle, at x radians of azimuth
     straight = (axial - radius) ** 2 + (eye[2] - height) ** 2
     square = straight + 4 * axial * radius * np.sin((phi - azimuth)[:, None] / 2) ** 2

@@ -6,9 +6,7 @@ characters. `dmis.formats.pbrt.directives.Cursor` walks over the tokens.
 
 from __future__ import annotations
 
-import gzip
 import re
-import tempfile
 import zlib
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
@@ -143,6 +141,9 @@ def unzipped(path: Path) -> Iterator[Path]:
     if path.suffix.lower() != ".gz":
         yield path
         return
+    import gzip
+    import tempfile
+
     with tempfile.TemporaryDirectory() as folder, gzip.open(path) as packed:
         copy, most = Path(folder, path.stem), max(MAX_UNZIPPED, MAX_RATIO * path.stat().st_size)
         try:

@@ -13,7 +13,6 @@ from dmis.formats.pbrt.make_material import materials_of
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.pbrt_shapes import make_shape
 from dmis.formats.pbrt.reader import KEPT, PARAMETERS, Directive, Reader
-from dmis.formats.pbrt.textures import make_texture
 from dmis.formats.pbrt.tokens import Token
 
 
@@ -25,6 +24,8 @@ def _attribute(reader: Reader, kind: Token, p: Parameters) -> None:
 
 
 def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parameters) -> None:
+    from dmis.formats.pbrt.textures import make_texture
+
     kind.among("the type of a texture", ("float", "color", "spectrum"))
     key = ("float" if kind.name == "float" else "color"), name.name
     if reader.dialect is V4 and key in reader.state.textures:

@@ -139,8 +139,8 @@ def test_many_quadrics_are_refused_before_they_are_made(folders, monkeypatch, ki
 def test_large_images_are_refused_by_their_header(folders, monkeypatch):
     inside, _ = folders
     path = write(inside, USES["sky"].format("a"))
-    monkeypatch.setattr("dmis.image.MAX_PIXELS", 4)
+    monkeypatch.setattr("dmis.base.window.MAX_PIXELS", 4)
     read_pbrt(path, (1, 1))
-    monkeypatch.setattr("dmis.image.MAX_PIXELS", 3)
+    monkeypatch.setattr("dmis.base.window.MAX_PIXELS", 3)
     with pytest.raises(PbrtError, match="on a side and at most 3 pixels; got 2x2"):
         read_pbrt(path, (1, 1))
