@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import INV_PI, square_to_sphere
 
 
-class CosineLobe(Lobe, Protocol):
+class CosineLobe(Lobe):
     """A lobe that is sampled by the cosine."""
 
     def pdf(self, directions: Directions) -> Array:

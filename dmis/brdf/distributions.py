@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from dmis.brdf.lobe import Lobe, Parameters
 from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
 
 
-class Distribution(Parameters, Protocol):
+class Distribution(Parameters):
     """Half vectors of microfacets: D with ``int D cos_h = 1``; how they are sampled, and its solid-angle density."""
 
     def density(self, directions: Directions) -> Array:
@@ -77,7 +77,7 @@ class Anisotropic(Distribution):
         return directions.power_h((self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
 
 
-class HalfVectorLobe(Lobe, Protocol):
+class HalfVectorLobe(Lobe):
     """A lobe that is sampled through the half vectors of its `distribution`."""
 
     distribution: Any

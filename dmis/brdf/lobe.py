@@ -1,4 +1,4 @@
-"""Protocols of lobes: what the estimator calls, and what a scene's plan asks a lobe.
+"""Base classes of lobes: what the estimator calls, and what a scene's plan asks a lobe.
 
 A lobe is a frozen dataclass that derives from `Lobe` or `DeltaLobe` and inherits their defaults; its fields may have
 any names.
@@ -6,7 +6,7 @@ any names.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,8 +17,7 @@ from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.texture import Image
 
 
-@runtime_checkable
-class Parameters(Protocol):
+class Parameters:
     """A frozen dataclass, a lobe or what is nested in one, some of whose fields differ from point to point.
 
     Attributes
@@ -39,8 +38,7 @@ class Parameters(Protocol):
     anisotropic: ClassVar[bool] = False
 
 
-@runtime_checkable
-class Lobe(Parameters, Protocol):
+class Lobe(Parameters):
     """A lobe of a BSDF that is a function, and takes part in MIS.
 
     Attributes
@@ -108,7 +106,7 @@ class Lobe(Parameters, Protocol):
         return np.full(len(surface.cos_o), np.float32(0.5))
 
 
-class DeltaLobe(Lobe, Protocol):
+class DeltaLobe(Lobe):
     """A lobe of a single direction: it has no pdf, never enters MIS, and is followed as a ray of its own."""
 
     delta: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""Protocols of lights: what the estimator samples, and what a scene's plan asks a light.
+"""Base classes of lights: what the estimator samples, and what a scene's plan asks a light.
 
 A light is a frozen dataclass that derives from `AreaLight`, `InfiniteLight` or `DeltaLight` and inherits their
 defaults. Every test of a kind of light is a call of one of these methods, so that lights can be written outside the
@@ -8,7 +8,7 @@ package.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from dmis.light.light_sample import LightSample, rgb
 from dmis.light.pieces import Pieces
 
 
-@runtime_checkable
-class Light(Protocol):
+class Light:
     """A light of any kind; the methods have defaults, but for `sample`.
 
     Attributes
@@ -110,7 +109,7 @@ class Light(Protocol):
         return False
 
 
-class SampledLight(Light, Protocol):
+class SampledLight(Light):
     """A light that takes part in MIS: directions towards it are sampled, and given directions may meet it."""
 
     def hit(self, p: Array, wi: Array) -> LightSample:
@@ -125,7 +124,7 @@ class SampledLight(Light, Protocol):
         return self
 
 
-class InfiniteLight(SampledLight, Protocol):
+class InfiniteLight(SampledLight):
     """Light from infinitely far away, at `INFINITE_DISTANCE`: all rays that leave the scene see it."""
 
     infinite: ClassVar[bool] = True
@@ -142,7 +141,7 @@ class InfiniteLight(SampledLight, Protocol):
         return self
 
 
-class AreaLight(SampledLight, Protocol):
+class AreaLight(SampledLight):
     """A surface that emits on one side.
 
     Attributes
@@ -174,7 +173,7 @@ class AreaLight(SampledLight, Protocol):
         return None if pieces is None else float(np.sqrt(pieces.area.sum()))
 
 
-class DeltaLight(Light, Protocol):
+class DeltaLight(Light):
     """A light that each point sees in a single direction, outside MIS; `sample` ignores `u`, its pdf is 1."""
 
     delta: ClassVar[bool] = True
