@@ -21,11 +21,13 @@ class _Package(ModuleType):
     """A package that loads its modules where they are first used as attributes, and so do the packages in it."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        if isinstance(value, ModuleType) and hasattr(value, "__path__"):  # import binds a room to its name here
+        """Bind a name; import binds a package to its name in this way, so that it loads its modules, too."""
+        if isinstance(value, ModuleType) and hasattr(value, "__path__"):
             value.__class__ = _Package
         super().__setattr__(name, value)
 
     def __getattr__(self, name: str) -> object:
+        """Return a public name of dmis, or a module; a missing attribute says what to write, if that is known."""
         public, full, hint = self.__name__ == __name__, f"{self.__name__}.{name}", ""
         if public and name in _HOMES:
             value = globals()[name] = getattr(import_module(_HOMES[name]), name)

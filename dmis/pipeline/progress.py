@@ -30,6 +30,7 @@ def reporting(progress: Progress | bool | None, unit: str = "samples") -> Iterat
     with tqdm(unit=f" {unit}", unit_scale=True, leave=False) as bar:
 
         def show(stage: str, done: int, total: int) -> None:
+            """Move the bar, see `Progress`."""
             if done < bar.n:  # another render has begun
                 bar.reset()
             bar.total = total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -36,8 +37,6 @@ def write_image(path: str | os.PathLike[str], result: Result | Array, exposure: 
     OSError
         If the directory does not exist.
     """
-    import json
-
     from dmis.image import write_exr, write_png
 
     image = result.image if isinstance(result, Result) else np.asarray(result)

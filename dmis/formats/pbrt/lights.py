@@ -60,12 +60,14 @@ def emission(p: Parameters) -> Rgb:
 
 
 def _point(p: Parameters, to_world: Floats) -> Light:
+    """Return a point light, at the parameter ``from``."""
     start = p.point("from", (0, 0, 0))
     moved = to_world[:3, :3] @ start if p.dialect == "v4" else start  # v2 and v3 add it in world space
     return PointLight(rgb(moved + to_world[:3, 3]), _strength(p, "I", "power", 4 * np.pi))
 
 
 def _spot(p: Parameters, to_world: Floats) -> Light:
+    """Return a spot light at ``from`` that looks at ``to``."""
     scale_of(to_world, "a spot light", "its cone is round")
     start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
     outer, delta = p.number("coneangle", 30), p.number("conedeltaangle", 5)
@@ -76,11 +78,13 @@ def _spot(p: Parameters, to_world: Floats) -> Light:
 
 
 def _distant(p: Parameters, to_world: Floats) -> Light:
+    """Return a light from the direction of ``from``, seen from ``to``."""
     start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
     return DistantLight(rgb(to_world[:3, :3] @ (start - end)), _strength(p, "L", "illuminance", 1))
 
 
 def _infinite(p: Parameters, to_world: Floats) -> Light:
+    """Return a sky, of one colour or of a map."""
     from dmis.formats.pbrt.textures import image
     from dmis.light.environment import EnvironmentLight
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -145,13 +145,10 @@ def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
 
 def _with_relief(material: Material, curved: bool) -> Material:
     """Return the material; on a quadric (`curved`) its bump map keeps dp/du and dp/dv, as in all versions of pbrt."""
-    if not curved or material.relief is None:
+    relief: Any = material.relief if curved else None
+    if not hasattr(relief, "unit_tangents"):  # none of `dmis.brdf.relief.BumpMap`
         return material
-    from dmis.brdf.relief import BumpMap
-
-    if not isinstance(material.relief, BumpMap):
-        return material
-    return replace(material, relief=replace(material.relief, unit_tangents=None))
+    return replace(material, relief=replace(relief, unit_tangents=None))
 
 
 def _placed(shape: Shape, material: Material) -> Mesh:

@@ -105,6 +105,7 @@ def make_mask(kind: str, p: Parameters) -> Mask | None:
 
 
 def _triangles(p: Parameters) -> Mesh:
+    """Return the triangles of a ``trianglemesh``."""
     points = p.required_table("P", "point", 3)
     if "indices" not in p.items and len(points) == 3 and p.dialect == "v4":
         faces = np.arange(3, dtype=np.int32)[None]
@@ -117,6 +118,7 @@ def _triangles(p: Parameters) -> Mesh:
 
 
 def _loop(p: Parameters) -> Mesh:
+    """Return the subdivided triangles of a ``loopsubdiv``."""
     from dmis.geometry import subdivision
 
     p.string("scheme", "loop", ("loop",))
@@ -129,6 +131,7 @@ def _loop(p: Parameters) -> Mesh:
 
 
 def _file(p: Parameters) -> Mesh:
+    """Return the mesh of the file of a ``plymesh``."""
     name = p.string("filename")
     token = p.items["filename"].token
     if not name.lower().endswith((".ply", ".ply.gz")):
@@ -138,6 +141,7 @@ def _file(p: Parameters) -> Mesh:
 
 
 def _sphere(p: Parameters) -> Quadric:
+    """Return a sphere, or the part of it between two heights and angles."""
     radius = p.number("radius", 1)
     if not radius > 0:
         raise ValueError(f"radius must be positive; got {radius}")
@@ -146,11 +150,13 @@ def _sphere(p: Parameters) -> Quadric:
 
 
 def _disk(p: Parameters) -> Quadric:
+    """Return a disk, or the part of it between two radii and angles."""
     inner, phimax = p.number("innerradius", 0), p.number("phimax", 360)
     return circular(p.number("height", 0), p.number("radius", 1), inner, phimax)
 
 
 def _cylinder(p: Parameters) -> Quadric:
+    """Return a cylinder, or the part of it between two angles."""
     low, high = sorted((p.number("zmin", -1), p.number("zmax", 1)))
     return cylindrical(p.number("radius", 1), low, high, p.number("phimax", 360))
 
