@@ -162,7 +162,7 @@ def lines_called(called: set[CodeType]) -> dict[str, tuple[int, int]]:
 def reading_path(page: Path = PAGE) -> list[str]:
     """Return the files that docs/code.md says to read for such a render, in its order."""
     steps = page.read_text("utf-8").partition("the files in this order:\n\n")[2].partition("\n\n")[0]
-    return re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", steps)
+    return list(dict.fromkeys(re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", steps)))
 
 
 def write_sentence(sentence: str, page: Path = PAGE) -> None:

@@ -38,8 +38,9 @@ class _Package(ModuleType):
         except ModuleNotFoundError as error:
             if error.name != full:
                 raise
-        if public and (written := import_module("dmis.base.synonyms").NAMES.get(name)):
-            hint = f": write {written}"
+        if public:
+            synonyms = import_module("dmis.base.synonyms")
+            hint = synonyms.advice(name, synonyms.NAMES, __all__)
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}{hint}")
 
 

@@ -85,17 +85,20 @@ def refractive(p: Parameters, kr: Any, kt: Any, index: float) -> Material:
 
 
 def rough_metal(p: Parameters, eta: Any, k: Any, default_roughness: float, name: str) -> Material:
+    """Return a metal of index `eta` and absorption `k` with the roughness of the parameters."""
     alpha, alpha_v = alphas_of(p, roughnesses(p, default_roughness))
     return replace(models.ggx(0, 1, alpha, alpha_v, metal_fresnel(eta, k)), name=name)
 
 
 def metal_fresnel(eta: Any, k: Any) -> ExactConductor:
+    """Return the Fresnel reflectance of a metal of index `eta` and absorption `k`."""
     if np.min(eta) <= 0 or np.min(k) < 0:
         raise ValueError(f"a metal needs eta above 0 and k at least 0; got {rgb(eta)} and {rgb(k)}")
     return ExactConductor(rgb(eta), rgb(k))
 
 
 def _plastic(p: Parameters) -> Material:
+    """Return a diffuse lobe under glossy microfacets."""
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
     remap, roughness = p.boolean("remaproughness", True), p.real("roughness", 0.1)
     # pbrt-v3 swaps the two media, like v2 (materials/plastic.cpp)
@@ -119,6 +122,7 @@ def _by_side(material: Material) -> tuple[Lobe, ...]:
 
 
 def _substrate(p: Parameters) -> Material:
+    """Return Ashikhmin and Shirley's diffuse base under a glossy coat."""
     kd, ks = p.reflectance("Kd", 0.5), p.reflectance("Ks", 0.5)
     alphas = alphas_of(p, (p.real("uroughness", 0.1), p.real("vroughness", 0.1)))
     if not any(np.any(value.texels if isinstance(value, Image) else value) for value in (kd, ks)):
@@ -128,6 +132,7 @@ def _substrate(p: Parameters) -> Material:
 
 
 def _uber(p: Parameters) -> Material:
+    """Return diffuse, glossy, mirrored and refracted light in one."""
     ks, opacity = p.reflectance("Ks", 0.25), p.reflectance("opacity", 1, 1)
     index, (alpha, alpha_v) = p.index("eta", p.index()), alphas_of(p, roughnesses(p, 0.1))
     kd, kr, kt = p.reflectance("Kd", 0.25), p.reflectance("Kr", 0), p.reflectance("Kt", 0)
@@ -137,6 +142,7 @@ def _uber(p: Parameters) -> Material:
 
 
 def _translucent(p: Parameters) -> Material:
+    """Return diffuse and glossy lobes of both sides."""
     reflected, through = p.reflectance("reflect", 0.5), p.reflectance("transmit", 0.5)
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
     alpha = alpha_of(p.real("roughness", 0.1), p.boolean("remaproughness", True), True)

@@ -23,17 +23,20 @@ from dmis.scene.suggestions import MAX_DEPTH
 
 
 def _camera(reader: Reader, name: Token, p: Parameters) -> None:
+    """Keep the camera, which the film completes, and its coordinate system."""
     reader.camera_kind = name.among("the camera", CAMERAS[name.dialect])
     reader.camera, reader.to_camera = p, reader.to_world()
     reader.systems["camera"] = inverse(reader.to_camera)
 
 
 def _film(reader: Reader, name: Token, p: Parameters) -> None:
+    """Keep the film, of which the image has its size."""
     name.among("the film", reader.dialect.film)
     reader.film = p
 
 
 def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
+    """Set the pixel filter, by its radius and its own parameters."""
     v4 = reader.dialect is V4
     usual = {"box": 0.5, "gaussian": 1.5 if v4 else 2.0}.get(name.name, 2.0)
     x, y = (p.number(half, usual) for half in reader.dialect.radius)
@@ -53,6 +56,7 @@ def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
+    """Set the integrator and the depth that the file suggests, and note what its own image lacks."""
     dialect = reader.dialect
     unbiased, biased = dialect.integrators
     direct = () if dialect is V4 else ("directlighting", "whitted")
@@ -78,6 +82,7 @@ def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _renderer(reader: Reader, name: Token, p: Parameters) -> None:
+    """Set path tracing, if the renderer is Metropolis's."""
     name.among("the renderer", ("sampler", "metropolis"))
     if name.name == "metropolis":  # of paths of v2 with at most maxdepth surfaces, whatever the SurfaceIntegrator
         reader.metropolis, reader.integrator = True, ("path", min(max(p.integer("maxdepth", 7), 1), MAX_DEPTH))
@@ -91,6 +96,7 @@ def _option(reader: Reader, p: Parameters) -> None:
 
 
 def _make_named_medium(reader: Reader, name: Token, p: Parameters) -> None:
+    """Refuse a medium that is not empty, because it changes the image."""
     empty = p.string("type", "") == "homogeneous" and all(
         (coefficient := p.get(key, "color", "rgb", "spectrum")) is not None and not any(coefficient.colour())
         for key in ("sigma_a", "sigma_s")
@@ -108,6 +114,7 @@ def _medium_interface(reader: Reader, *names: Token | None) -> None:
 
 
 def _unused(reader: Reader, *arguments: object) -> None:
+    """Note a directive that does not change the image."""
     reader.notes.add(UNUSED, reader.token.text, reader.token)
 
 
