@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmis.base.vectors import Array, compose, take, take_optional
+from dmis.base.vectors import Array, compose, distinct, take, take_optional
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.samplers.streams import Numbers
@@ -279,7 +279,7 @@ def sample_batches(spp: np.ndarray | int, pixels: np.ndarray, size: int) -> Iter
     Each block has the same samples of all its pixels. With one number `spp` there is one block in a batch; otherwise,
     where `spp` is ``(A,)``, pixels drop out where their samples end, and blocks end there.
     """
-    stops = [0, *np.unique(spp).tolist()]
+    stops = [0, *distinct(spp).tolist()]
     active = [pixels[np.broadcast_to(spp, len(pixels)) >= stop] for stop in stops[1:]]
     begins = np.cumsum([0, *(np.diff(stops) * [len(a) for a in active])])
     edges = np.linspace(0, begins[-1], max(1, round(begins[-1] / size)) + 1)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from dmis.base.color import LUMINANCE
-from dmis.base.vectors import Array, Index, Selection, columns, dot, indices, take
+from dmis.base.vectors import Array, Index, Selection, columns, distinct, dot, indices, take
 from dmis.intersect import Intersector, RayCaster
 from dmis.light.coincident import two_sided
 from dmis.light.light_sample import (
@@ -127,7 +127,7 @@ class Pieces:
     @cached_property
     def _shapes(self) -> list[int]:
         """The shapes that pieces have."""
-        return np.unique(self.shape).tolist()
+        return distinct(self.shape).tolist()
 
     @cached_property
     def _table(self) -> Array:
