@@ -9,7 +9,7 @@ is the sentence of that page; ``--write`` puts it there. The first two lines are
 that a fresh process imports for a render, and the classes whose methods the small render calls.
 
 The scene has one lobe (Lambert) and one light (a quadrilateral). What is kept with it (its units, plan, triangle tables
-and Embree scene) is made before, unless `--first` is given.
+and Embree scene) is made before.
 """
 
 from __future__ import annotations
@@ -177,19 +177,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rule", default="thesis", help="rule with its options (default thesis)")
     parser.add_argument("--spp", type=int, default=16, help="camera samples per pixel (default 16)")
-    parser.add_argument("--first", action="store_true", help="count what prepares the scene for its first render, too")
     parser.add_argument("--write", action="store_true", help="put the last sentence into docs/code.md")
     arguments = parser.parse_args()
     scene = small_scene()
-    if not arguments.first:  # plan, tables and Embree scene are kept with the scene
-        dmis.render(scene, arguments.rule, arguments.spp, seed=1, parallel=1)
+    dmis.render(scene, arguments.rule, arguments.spp, seed=1, parallel=1)  # its plan and Embree scene are kept with it
     called = called_functions(scene, arguments.rule, arguments.spp)
     lines, path, files = lines_called(called), reading_path(), sorted(PACKAGE.rglob("*.py"))
     total = sum(file.read_text("utf-8").count("\n") for file in files)
-    print(f"dmis: {total:,} lines, {tokens_of(files):,} tokens; a render by a fresh process imports", end=" ")
-    print(
-        f"{len(modules_imported())} modules;\nthe render below calls methods of {len(classes_called(called))} classes"
-    )
+    print(f"{total:,} lines and {tokens_of(files):,} tokens in dmis, {len(modules_imported())} modules of it imported;")
+    print(f"the render below calls methods of {len(classes_called(called))} classes")
     print(f"{'file':38} {'lines':>6} {'with docstrings':>16}")
     for name in [*path, *sorted(lines.keys() - set(path))]:
         without, documented = lines.get(name, (0, 0))

@@ -31,17 +31,17 @@ ROOMS: dict[str, int] = {
     "estimator": 2_350,
     "experiment": 1_750,
     "fit": 2_550,
-    "formats": 4_950,
+    "formats": 5_000,
     "geometry": 750,
     "light": 2_000,
     "pipeline": 2_050,
     "report": 1_150,
     "samplers": 900,
-    "scene": 2_100,
+    "scene": 2_150,
     "testing": 1_400,
     "variance": 900,
     "benchmarks": 6_050,
-    "tests": 28_750,
+    "tests": 28_650,
 }
 """Lines of each room of the package, of its single modules, and of the other folders, rounded up to `STEP`."""
 WORDS = 44_000
@@ -54,9 +54,9 @@ LONGEST_MODULE = 430
 """Lines of a module of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 106, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 235}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (37, 2260), "auto": (48, 3040)}
+RENDERS = {"thesis": (36, 2011), "auto": (48, 2923)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
-TOKENS, JOINED = 12.13, 20.0
+TOKENS, JOINED = 12.11, 19.7
 """Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""
 MODULES, CLASSES = 99, 30
 """Modules of dmis that a render with equal shares imports, and classes whose methods it calls."""
