@@ -15,7 +15,7 @@ from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import DIALECTS, SAME_TYPE, V4
 from dmis.formats.pbrt.options import OPTIONS
-from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, Parameters
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, ParameterSet
 from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, WORD, Directive, Reader
 from dmis.formats.pbrt.tokens import Source, Token, blame, either, is_number, tokens_of, values_of
 from dmis.formats.pbrt.world import WORLD
@@ -81,7 +81,7 @@ class Cursor:
             values.append(values_of(token)[0])
         return np.array(values)
 
-    def parameters(self, directive: Token) -> Parameters:
+    def parameters(self, directive: Token) -> ParameterSet:
         """Read the ``"type name" value`` pairs up to the next directive."""
         items: dict[str, Parameter] = {}
         while self.peek().kind == "string":
@@ -89,7 +89,7 @@ class Cursor:
             if parameter.name in items and directive.dialect == "v4":  # elsewhere the last one counts
                 raise parameter.error("is given twice; it must be given once")
             items[parameter.name] = parameter
-        return Parameters(directive, items)
+        return ParameterSet(directive, items)
 
     def _parameter(self, directive: Token, declaration: Token) -> Parameter:
         words = declaration.name.split()

@@ -13,13 +13,13 @@ import numpy as np
 from dmis.base.color import Rgb
 from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array, Floats
-from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters, rgb
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, ParameterSet, rgb
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.light import Light
 
 
-def make_light(name: Token, p: Parameters, to_world: Floats) -> Light:
+def make_light(name: Token, p: ParameterSet, to_world: Floats) -> Light:
     """Return the light `name` of a ``LightSource`` line; `to_world` (4, 4) is the current transform."""
     make = LIGHTS[name.among("a light", LIGHTS)]
     with blame(name):
@@ -38,7 +38,7 @@ def scale_of(matrix: Floats, what: str, reason: str) -> float:
     return float(np.sqrt(factor))
 
 
-def _strength(p: Parameters, name: str, total: str, per_unit: float) -> Rgb:
+def _strength(p: ParameterSet, name: str, total: str, per_unit: float) -> Rgb:
     """Return the intensity or radiance of a light whose colour is the parameter `name`.
 
     In v4 `total` names the parameter of its power or illuminance, which is `per_unit` for a light of colour 1.
@@ -51,7 +51,7 @@ def _strength(p: Parameters, name: str, total: str, per_unit: float) -> Rgb:
     return rgb((factor * (strength / per_unit) if strength > 0 else factor) * np.asarray(colour))
 
 
-def emission(p: Parameters) -> Rgb:
+def emission(p: ParameterSet) -> Rgb:
     """Return the radiance of an ``AreaLightSource``."""
     if p.dialect == "v4":
         p.refuse("an image that emits is not supported", "filename")
@@ -59,14 +59,14 @@ def emission(p: Parameters) -> Rgb:
     return _strength(p, "L", "power", np.pi)
 
 
-def _point(p: Parameters, to_world: Floats) -> Light:
+def _point(p: ParameterSet, to_world: Floats) -> Light:
     """Return a point light, at the parameter ``from``."""
     start = p.point("from", (0, 0, 0))
     moved = to_world[:3, :3] @ start if p.dialect == "v4" else start  # v2 and v3 add it in world space
     return PointLight(rgb(moved + to_world[:3, 3]), _strength(p, "I", "power", 4 * np.pi))
 
 
-def _spot(p: Parameters, to_world: Floats) -> Light:
+def _spot(p: ParameterSet, to_world: Floats) -> Light:
     """Return a spot light at ``from`` that looks at ``to``."""
     scale_of(to_world, "a spot light", "its cone is round")
     start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
@@ -77,13 +77,13 @@ def _spot(p: Parameters, to_world: Floats) -> Light:
     return SpotLight(rgb(position), rgb(direction), intensity, outer, inner, p.dialect == "v4")
 
 
-def _distant(p: Parameters, to_world: Floats) -> Light:
+def _distant(p: ParameterSet, to_world: Floats) -> Light:
     """Return a light from the direction of ``from``, seen from ``to``."""
     start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
     return DistantLight(rgb(to_world[:3, :3] @ (start - end)), _strength(p, "L", "illuminance", 1))
 
 
-def _infinite(p: Parameters, to_world: Floats) -> Light:
+def _infinite(p: ParameterSet, to_world: Floats) -> Light:
     """Return a sky, of one colour or of a map."""
     from dmis.formats.pbrt.textures import image
     from dmis.light.environment import EnvironmentLight
@@ -102,7 +102,7 @@ def _infinite(p: Parameters, to_world: Floats) -> Light:
     return EnvironmentLight(texels, rotation, strength, wrap="clamp" if p.dialect == "v4" else "repeat")
 
 
-LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
+LIGHTS: dict[str, Callable[[ParameterSet, Floats], Light]] = {
     "point": _point,
     "spot": _spot,
     "distant": _distant,

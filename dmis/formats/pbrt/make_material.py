@@ -11,14 +11,14 @@ import numpy as np
 from dmis.brdf import materials
 from dmis.brdf.materials import Material
 from dmis.brdf.texture import Image, scale
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.tokens import Token, blame
 
 if TYPE_CHECKING:
     from dmis.brdf.relief import Relief
 
 
-def materials_of(dialect: str) -> Mapping[str, Callable[[Parameters], Material] | None]:
+def materials_of(dialect: str) -> Mapping[str, Callable[[ParameterSet], Material] | None]:
     """Return the functions that make materials of a dialect, by name; the modules of others are not imported."""
     if dialect == "v2":
         from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
@@ -33,7 +33,7 @@ def materials_of(dialect: str) -> Mapping[str, Callable[[Parameters], Material] 
     return V4_MATERIALS
 
 
-def make_material(name: Token, p: Parameters, named: Mapping[str, Material]) -> Material:
+def make_material(name: Token, p: ParameterSet, named: Mapping[str, Material]) -> Material:
     """Return the material `name` made from parameters; `named` are the materials that a mix may name."""
     p = replace(p, directive=name)
     make = materials_of(name.dialect)[name.name]
@@ -41,7 +41,7 @@ def make_material(name: Token, p: Parameters, named: Mapping[str, Material]) -> 
         return _mix(p, named) if make is None else replace(make(p), relief=_relief(p))
 
 
-def _relief(p: Parameters) -> Relief | None:
+def _relief(p: ParameterSet) -> Relief | None:
     """Return the bump map of a material, called displacement in v4, or its normal map."""
     heights = p.real("displacement" if p.dialect == "v4" else "bumpmap", 0.0)
     has_normals = p.dialect == "v4" and "normalmap" in p.items
@@ -56,7 +56,7 @@ def _relief(p: Parameters) -> Relief | None:
     return BumpMap(heights, p.dialect != "v4")
 
 
-def _mix(p: Parameters, named: Mapping[str, Material]) -> Material:
+def _mix(p: ParameterSet, named: Mapping[str, Material]) -> Material:
     """Return the sum of two materials: pbrt-v4 picks one of them at random, with the same mean."""
     from dmis.formats.pbrt.textures import blend
 

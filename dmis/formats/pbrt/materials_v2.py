@@ -11,13 +11,13 @@ import numpy as np
 from dmis.brdf import materials
 from dmis.brdf.materials import Material
 from dmis.brdf.texture import Image
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 
 MAX_EXPONENT = 10_000
 """Largest exponent of Blinn's distribution in pbrt-v2."""
 
 
-def _roughness(p: Parameters, default: float, name: str = "roughness") -> float | Image:
+def _roughness(p: ParameterSet, default: float, name: str = "roughness") -> float | Image:
     """Return the roughness `name`, raised so that its reciprocal, the exponent, is at most `MAX_EXPONENT`."""
     value, least = p.real(name, default), 1 / MAX_EXPONENT
     if np.min(value.texels if isinstance(value, Image) else value) < 0:
@@ -36,7 +36,7 @@ def _unscaled(material: Material) -> Material:
     return replace(material, lobes=tuple(lobes))
 
 
-V2_MATERIALS: dict[str, Callable[[Parameters], Material]] = {
+V2_MATERIALS: dict[str, Callable[[ParameterSet], Material]] = {
     "matte": lambda p: materials.matte(p.reflectance("Kd", 0.5), float(np.clip(p.constant("sigma", 0), 0, 90))),
     "plastic": lambda p: materials.plastic(
         p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25), _roughness(p, 0.1), eta=1 / 1.5

@@ -22,7 +22,7 @@ from dmis.brdf.microfacet import GGX
 from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.texture import Image, scale
 from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
-from dmis.formats.pbrt.parameters import Parameters, rgb
+from dmis.formats.pbrt.parameters import ParameterSet, rgb
 
 _V3_ALPHA = 0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142
 """pbrt-v3's alpha as a polynomial of the logarithm of roughness (core/microfacet.h, RoughnessToAlpha)."""
@@ -30,7 +30,7 @@ MIN_ROUGH_ALPHA = 1e-3
 """Smallest alpha of a rough material: pbrt-v3 raises smaller ones to it, v4 makes them smooth."""
 
 
-def roughnesses(p: Parameters, default: float) -> tuple[Any, Any]:
+def roughnesses(p: ParameterSet, default: float) -> tuple[Any, Any]:
     """Return the roughness along both tangents, numbers or images.
 
     The default along each is ``roughness``; but along v, with ``uber``, it is the roughness along u.
@@ -40,7 +40,7 @@ def roughnesses(p: Parameters, default: float) -> tuple[Any, Any]:
     return u, p.real("vroughness", u if p.directive.name == "uber" else default_roughness)
 
 
-def alphas_of(p: Parameters, roughness: tuple[Any, Any]) -> tuple[Any, Any]:
+def alphas_of(p: ParameterSet, roughness: tuple[Any, Any]) -> tuple[Any, Any]:
     """Return the alpha along both tangents, numbers or images; the second is None if it is the same."""
     u, v = roughness
     remap, v3 = p.boolean("remaproughness", True), p.dialect == "v3"
@@ -65,7 +65,7 @@ def alpha_of(value: Any, remap: bool, v3: bool) -> Any:
     return replace(value, texels=alpha.astype(np.float32))
 
 
-def is_smooth(p: Parameters) -> bool:
+def is_smooth(p: ParameterSet) -> bool:
     """Return whether a material that may be rough or smooth is smooth."""
     roughness = roughnesses(p, 0)
     values = alphas_of(p, roughness)
@@ -77,14 +77,14 @@ def is_smooth(p: Parameters) -> bool:
     return all(below)
 
 
-def refractive(p: Parameters, kr: Any, kt: Any, index: float) -> Material:
+def refractive(p: ParameterSet, kr: Any, kt: Any, index: float) -> Material:
     """Return glass, rough or smooth; with the index 1 it is smooth, and light passes straight through."""
     if is_smooth(p) or index == 1:
         return materials.glass(kr, kt, index)
     return models.rough_glass(kr, kt, *alphas_of(p, roughnesses(p, 0)), index)
 
 
-def rough_metal(p: Parameters, eta: Any, k: Any, default_roughness: float, name: str) -> Material:
+def rough_metal(p: ParameterSet, eta: Any, k: Any, default_roughness: float, name: str) -> Material:
     """Return a metal of index `eta` and absorption `k` with the roughness of the parameters."""
     alpha, alpha_v = alphas_of(p, roughnesses(p, default_roughness))
     return replace(models.ggx(0, 1, alpha, alpha_v, metal_fresnel(eta, k)), name=name)
@@ -97,7 +97,7 @@ def metal_fresnel(eta: Any, k: Any) -> ExactConductor:
     return ExactConductor(rgb(eta), rgb(k))
 
 
-def _plastic(p: Parameters) -> Material:
+def _plastic(p: ParameterSet) -> Material:
     """Return a diffuse lobe under glossy microfacets."""
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
     remap, roughness = p.boolean("remaproughness", True), p.real("roughness", 0.1)
@@ -121,7 +121,7 @@ def _by_side(material: Material) -> tuple[Lobe, ...]:
     )
 
 
-def _substrate(p: Parameters) -> Material:
+def _substrate(p: ParameterSet) -> Material:
     """Return Ashikhmin and Shirley's diffuse base under a glossy coat."""
     kd, ks = p.reflectance("Kd", 0.5), p.reflectance("Ks", 0.5)
     alphas = alphas_of(p, (p.real("uroughness", 0.1), p.real("vroughness", 0.1)))
@@ -131,7 +131,7 @@ def _substrate(p: Parameters) -> Material:
     return Material((BlendBase(kd, ks), BlendCoat(ks, facets)), "substrate")
 
 
-def _uber(p: Parameters) -> Material:
+def _uber(p: ParameterSet) -> Material:
     """Return diffuse, glossy, mirrored and refracted light in one."""
     ks, opacity = p.reflectance("Ks", 0.25), p.reflectance("opacity", 1, 1)
     index, (alpha, alpha_v) = p.index("eta", p.index()), alphas_of(p, roughnesses(p, 0.1))
@@ -141,7 +141,7 @@ def _uber(p: Parameters) -> Material:
     return replace(others, lobes=others.lobes + _by_side(rough))
 
 
-def _translucent(p: Parameters) -> Material:
+def _translucent(p: ParameterSet) -> Material:
     """Return diffuse and glossy lobes of both sides."""
     reflected, through = p.reflectance("reflect", 0.5), p.reflectance("transmit", 0.5)
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
@@ -151,7 +151,7 @@ def _translucent(p: Parameters) -> Material:
     return Material((*diffuse, *glossy.lobes), "translucent")
 
 
-V3_MATERIALS: dict[str, Callable[[Parameters], Material] | None] = {
+V3_MATERIALS: dict[str, Callable[[ParameterSet], Material] | None] = {
     "matte": V2_MATERIALS["matte"],
     "mirror": V2_MATERIALS["mirror"],
     "glass": lambda p: refractive(p, p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index())),

@@ -17,11 +17,11 @@ from dmis.brdf.materials import Material, assemble
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import scale
 from dmis.formats.pbrt.materials_v3 import MIN_ROUGH_ALPHA, alphas_of, is_smooth, metal_fresnel, refractive, rough_metal
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.spectra import SPECTRA
 
 
-def _metal(p: Parameters, prefix: str = "") -> tuple[Any, Any]:
+def _metal(p: ParameterSet, prefix: str = "") -> tuple[Any, Any]:
     """Return the index and absorption of a metal from the parameters whose names begin with `prefix`."""
     eta, k = prefix + "eta", prefix + "k"
     if "reflectance" in p.items:
@@ -32,14 +32,14 @@ def _metal(p: Parameters, prefix: str = "") -> tuple[Any, Any]:
     return np.asarray(p.constant(eta, named["metal-Cu-eta"])), np.asarray(p.constant(k, named["metal-Cu-k"]))
 
 
-def _conductor(p: Parameters) -> Material:
+def _conductor(p: ParameterSet) -> Material:
     eta, k = _metal(p)
     if is_smooth(p):
         return Material((SpecularReflection(1.0, metal_fresnel(eta, k)),), "conductor")
     return rough_metal(p, eta, k, 0, "conductor")
 
 
-def _layers(p: Parameters) -> tuple[float, int]:
+def _layers(p: ParameterSet) -> tuple[float, int]:
     """Return the optical thickness of a coat, and how many reflections by the base below it count."""
     if any(p.constant("albedo", (0.0, 0.0, 0.0))):
         raise p.items["albedo"].error("must be black, because light that is scattered inside of a coat has no formula")
@@ -51,7 +51,7 @@ def _layers(p: Parameters) -> tuple[float, int]:
     return max(p.constant("thickness", 0.01), 0), (depth + 1) // 2  # every other interface is the base
 
 
-def _layer_alpha(p: Parameters, prefix: str = "") -> float:
+def _layer_alpha(p: ParameterSet, prefix: str = "") -> float:
     """Return the alpha of a layer, 0 if it is smooth, from the parameters whose names begin with `prefix`."""
     default_roughness = p.constant(prefix + "roughness", 0)
     u, v = (p.constant(prefix + name, default_roughness) for name in ("uroughness", "vroughness"))
@@ -61,25 +61,25 @@ def _layer_alpha(p: Parameters, prefix: str = "") -> float:
     return alpha if alpha >= MIN_ROUGH_ALPHA else 0
 
 
-def _coated_diffuse(p: Parameters) -> Material:
+def _coated_diffuse(p: ParameterSet) -> Material:
     thickness, bounces = _layers(p)
     alpha, eta = _layer_alpha(p), p.index("eta", 1.5)
     return models.coated_diffuse(p.albedo("reflectance", 0.5), alpha, eta, thickness, bounces)
 
 
-def _coated_conductor(p: Parameters) -> Material:
+def _coated_conductor(p: ParameterSet) -> Material:
     alpha, coat_alpha = _layer_alpha(p, "conductor."), _layer_alpha(p, "interface.")
     eta, layers = p.index("interface.eta", 1.5), _layers(p)
     return models.coated_conductor(*_metal(p, "conductor."), alpha, coat_alpha, eta, *layers)
 
 
-def _diffuse_transmission(p: Parameters) -> Material:
+def _diffuse_transmission(p: ParameterSet) -> Material:
     factor = p.number("scale", 1)
     kd, kt = (scale(p.albedo(name, 0.25), factor) for name in ("reflectance", "transmittance"))
     return assemble("diffusetransmission", ("kd", kd, Lambert(kd)), ("kt", kt, LambertTransmission(kt)))
 
 
-V4_MATERIALS: dict[str, Callable[[Parameters], Material] | None] = {
+V4_MATERIALS: dict[str, Callable[[ParameterSet], Material] | None] = {
     "diffuse": lambda p: replace(materials.matte(p.albedo("reflectance", 0.5)), name="diffuse"),
     "conductor": _conductor,
     "dielectric": lambda p: replace(refractive(p, 1, 1, p.index("eta", 1.5)), name="dielectric"),

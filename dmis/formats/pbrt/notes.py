@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.dialect import IRRELEVANT
-from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, ParameterSet
 from dmis.formats.pbrt.tokens import PbrtError, Source, Token
 from dmis.scene.scene import SceneWarning
 
@@ -40,7 +40,7 @@ class Notes:
         """Note what a warning that begins with `kind` says of a token."""
         self._notes.setdefault(kind, {}).setdefault(what, {})[id(token)] = token
 
-    def add_parameters(self, p: Parameters) -> None:
+    def add_parameters(self, p: ParameterSet) -> None:
         """Note what was found of the parameters of a line, and those that were not read."""
         for kind, item in p.findings:
             self.add(kind, f"{item.name!r} of {item.directive.text}", item.token)

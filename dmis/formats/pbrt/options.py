@@ -14,7 +14,7 @@ from dmis.base.validate import FARTHEST
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import IRRELEVANT, V2, V4
 from dmis.formats.pbrt.notes import UNUSED
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.samplers.pixel_filter import PixelFilter
@@ -22,20 +22,20 @@ from dmis.scene.camera import Camera
 from dmis.scene.suggestions import MAX_DEPTH
 
 
-def _camera(reader: Reader, name: Token, p: Parameters) -> None:
+def _camera(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Keep the camera, which the film completes, and its coordinate system."""
     reader.camera_kind = name.among("the camera", CAMERAS[name.dialect])
     reader.camera, reader.to_camera = p, reader.to_world()
     reader.systems["camera"] = inverse(reader.to_camera)
 
 
-def _film(reader: Reader, name: Token, p: Parameters) -> None:
+def _film(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Keep the film, of which the image has its size."""
     name.among("the film", reader.dialect.film)
     reader.film = p
 
 
-def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
+def _pixel_filter(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Set the pixel filter, by its radius and its own parameters."""
     v4 = reader.dialect is V4
     usual = {"box": 0.5, "gaussian": 1.5 if v4 else 2.0}.get(name.name, 2.0)
@@ -55,7 +55,7 @@ def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
     reader.filter = None if pixel_filter == PixelFilter("box", (0.5, 0.5)) else pixel_filter
 
 
-def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
+def _integrator(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Set the integrator and the depth that the file suggests, and note what its own image lacks."""
     dialect = reader.dialect
     unbiased, biased = dialect.integrators
@@ -81,21 +81,21 @@ def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
         reader.integrator = ("direct" if name.name in direct else "path"), depth
 
 
-def _renderer(reader: Reader, name: Token, p: Parameters) -> None:
+def _renderer(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Set path tracing, if the renderer is Metropolis's."""
     name.among("the renderer", ("sampler", "metropolis"))
     if name.name == "metropolis":  # of paths of v2 with at most maxdepth surfaces, whatever the SurfaceIntegrator
         reader.metropolis, reader.integrator = True, ("path", min(max(p.integer("maxdepth", 7), 1), MAX_DEPTH))
 
 
-def _option(reader: Reader, p: Parameters) -> None:
+def _option(reader: Reader, p: ParameterSet) -> None:
     """Refuse options that change the image, and names that v4 does not have."""
     p.require(reader.dialect.required["Option"])
     for item in p.items.values():
         item.token.find("option", item.name, dict.fromkeys([*p.read_names, *IRRELEVANT["Option"]]))
 
 
-def _make_named_medium(reader: Reader, name: Token, p: Parameters) -> None:
+def _make_named_medium(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Refuse a medium that is not empty, because it changes the image."""
     empty = p.string("type", "") == "homogeneous" and all(
         (coefficient := p.get(key, "color", "rgb", "spectrum")) is not None and not any(coefficient.colour())
@@ -190,7 +190,7 @@ def make_camera(reader: Reader) -> Camera:
         return camera.crop((left, top, right, bottom))
 
 
-def _window(p: Parameters, ratio: float) -> float:
+def _window(p: ParameterSet, ratio: float) -> float:
     """Return the factor by which the screen window is larger than that of an image of the aspect `ratio`."""
     square = np.array([-max(ratio, 1), max(ratio, 1), -max(1 / ratio, 1), max(1 / ratio, 1)])
     aspect, window = p.table("frameaspectratio", 1, "float"), p.table("screenwindow", 4, "float")

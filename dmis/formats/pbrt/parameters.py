@@ -93,7 +93,7 @@ class Parameter:
 
 
 @dataclass(eq=False)
-class Parameters:
+class ParameterSet:
     """The parameters of a directive, and the names of those that were read.
 
     Methods take a name and the default of an absent parameter, and raise `PbrtError` if the parameter has another type

@@ -15,7 +15,7 @@ import numpy as np
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
 from dmis.formats import mesh_files
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.quadrics import choose_grids
 from dmis.formats.pbrt.tokens import Token, blame, unzipped
 from dmis.geometry.mesh import Mesh, repair_normals
@@ -69,7 +69,7 @@ class Shape:
     twosided: bool = False
 
 
-def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:
+def make_shape(name: Token, parameters: ParameterSet, to_world: Floats, reverse: bool) -> Shape:
     """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform."""
     name.among("a shape", [kind for kind in SHAPES if kind != "bilinearmesh" or name.dialect == "v4"])
     if parameters.constant("shadowalpha", 1.0) != 1:
@@ -85,7 +85,7 @@ def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: b
     return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), quadric, mask)
 
 
-def make_mask(kind: str, p: Parameters) -> Mask | None:
+def make_mask(kind: str, p: ParameterSet) -> Mask | None:
     """Return the mask of a shape's ``alpha``, None if it has no holes.
 
     v2 and v3 have alpha in triangle meshes only, and ask whether it is 0; in v4 it is a probability.
@@ -104,7 +104,7 @@ def make_mask(kind: str, p: Parameters) -> Mask | None:
     return Mask(alpha, None if v4 else LEAST_ALPHA)
 
 
-def _triangles(p: Parameters) -> Mesh:
+def _triangles(p: ParameterSet) -> Mesh:
     """Return the triangles of a ``trianglemesh``."""
     points = p.required_table("P", "point", 3)
     if "indices" not in p.items and len(points) == 3 and p.dialect == "v4":
@@ -117,7 +117,7 @@ def _triangles(p: Parameters) -> Mesh:
     return Mesh(points, faces, normals, st if uv is None else uv)
 
 
-def _loop(p: Parameters) -> Mesh:
+def _loop(p: ParameterSet) -> Mesh:
     """Return the subdivided triangles of a ``loopsubdiv``."""
     from dmis.geometry import subdivision
 
@@ -130,7 +130,7 @@ def _loop(p: Parameters) -> Mesh:
     return replace(mesh, normals=-mesh.normals)
 
 
-def _file(p: Parameters) -> Mesh:
+def _file(p: ParameterSet) -> Mesh:
     """Return the mesh of the file of a ``plymesh``."""
     name = p.string("filename")
     token = p.items["filename"].token
@@ -140,7 +140,7 @@ def _file(p: Parameters) -> Mesh:
         return mesh_files.load_mesh(path)
 
 
-def _sphere(p: Parameters) -> Quadric:
+def _sphere(p: ParameterSet) -> Quadric:
     """Return a sphere, or the part of it between two heights and angles."""
     radius = p.number("radius", 1)
     if not radius > 0:
@@ -149,19 +149,19 @@ def _sphere(p: Parameters) -> Quadric:
     return spherical(radius, low, high, p.number("phimax", 360))
 
 
-def _disk(p: Parameters) -> Quadric:
+def _disk(p: ParameterSet) -> Quadric:
     """Return a disk, or the part of it between two radii and angles."""
     inner, phimax = p.number("innerradius", 0), p.number("phimax", 360)
     return circular(p.number("height", 0), p.number("radius", 1), inner, phimax)
 
 
-def _cylinder(p: Parameters) -> Quadric:
+def _cylinder(p: ParameterSet) -> Quadric:
     """Return a cylinder, or the part of it between two angles."""
     low, high = sorted((p.number("zmin", -1), p.number("zmax", 1)))
     return cylindrical(p.number("radius", 1), low, high, p.number("phimax", 360))
 
 
-def _bilinear(p: Parameters) -> Mesh:
+def _bilinear(p: ParameterSet) -> Mesh:
     """Return parallelograms as two triangles each; other bilinear patches, curved or with bilinear uv, are errors."""
     points = p.required_table("P", "point", 3)
     p.refuse("normals of a bilinearmesh are not supported; use a trianglemesh", "N")
@@ -182,7 +182,7 @@ def _bilinear(p: Parameters) -> Mesh:
     return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uv.reshape(-1, 2))
 
 
-SHAPES: dict[str, Callable[[Parameters], Mesh | Quadric]] = {
+SHAPES: dict[str, Callable[[ParameterSet], Mesh | Quadric]] = {
     "trianglemesh": _triangles,
     "plymesh": _file,
     "loopsubdiv": _loop,

@@ -18,7 +18,7 @@ from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.make_material import make_material
 from dmis.formats.pbrt.notes import Notes, Refusals
-from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
+from dmis.formats.pbrt.parameters import Parameter, ParameterSet, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.pbrt_shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
@@ -62,12 +62,12 @@ class State:
     """
 
     to_world: Floats
-    material: tuple[Token, Parameters]
+    material: tuple[Token, ParameterSet]
     reverse: bool = False
     named: str | None = None
     named_materials: Mapping[str, Material] = field(default_factory=dict)
     textures: Textures = field(default_factory=dict)
-    area_light: Parameters | None = None
+    area_light: ParameterSet | None = None
     added: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
 
 
@@ -79,7 +79,7 @@ class Reader:
         self.token = Token("word", "", source, 0)
         """The directive that is executed, for errors."""
         self.dialect = source.dialect
-        nothing = Parameters(self.token, {})
+        nothing = ParameterSet(self.token, {})
         default = '"diffuse"' if self.dialect.name == "v4" else '"matte"'
         self.state = State(np.eye(4), (Token("string", default, source, 0), nothing))
         self.blocks: list[tuple[Token, State]] = []
@@ -99,7 +99,7 @@ class Reader:
         self.objects: dict[str, list[tuple[Shape, Material]]] = {}
         self.object: list[tuple[Shape, Material]] | None = None
         self.triangles = self.quadrics = 0
-        self.emitters: list[tuple[int, Shape, Material, Parameters]] = []
+        self.emitters: list[tuple[int, Shape, Material, ParameterSet]] = []
         """Shapes that emit, with their places among the lights, which are None there until `scene`."""
         self.lights: list[Light | None] = []
         self._materials: dict[tuple[int, int], tuple[Material, object]] = {}
@@ -144,7 +144,7 @@ class Reader:
             self.notes.add_parameters(parameters)
         return self._materials[key][0]
 
-    def make_material(self, name: Token, parameters: Parameters) -> Material:
+    def make_material(self, name: Token, parameters: ParameterSet) -> Material:
         """Return the material `name` made from parameters."""
         textures = self.state.textures if self.dialect is V2 else parameters.textures  # of the shape; of the line
         return make_material(name, replace(parameters, textures=textures), self.state.named_materials)
@@ -204,5 +204,5 @@ class Reader:
 Directive = tuple[str, Callable[..., None], tuple[int | str, ...]]
 """Phase in which a directive stands (options, world or any), function that executes it, and arguments that it takes.
 
-The function gets the reader and the arguments: tokens of strings, arrays of numbers, `Parameters`.
+The function gets the reader and the arguments: tokens of strings, arrays of numbers, `ParameterSet`.
 """

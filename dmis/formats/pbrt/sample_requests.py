@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.tokens import Token
 from dmis.light.light import Light
 from dmis.scene.suggestions import Suggestions
@@ -36,7 +36,7 @@ class SampleRequests:
         self.light_samples: list[int] = []
         """Samples of each light so far."""
 
-    def read_sampler(self, line: Token, p: Parameters) -> None:
+    def read_sampler(self, line: Token, p: ParameterSet) -> None:
         """Read a Sampler line, whose string is `line`."""
         name, (count, side) = line.name, (4, 2) if self._dialect == "v2" else (16, 4)
         if name == "stratified":
@@ -47,7 +47,7 @@ class SampleRequests:
             spp = _whole(p, "pixelsamples", 4 if name == "random" else count)
         self._sampler, self._spp = name, power_of_two(spp) if name in ROUNDED else spp
 
-    def of_light(self, p: Parameters) -> int:
+    def of_light(self, p: ParameterSet) -> int:
         """Return the number of samples that a light asks for, rounded as the file's sampler does."""
         number = _whole(p, "nsamples", 1) if self._dialect != "v4" else 1
         number = _whole(p, "samples", number) if self._dialect == "v3" else number
@@ -74,7 +74,7 @@ def power_of_two(number: int) -> int:
     return 1 << max(number - 1, 0).bit_length()
 
 
-def _whole(parameters: Parameters, name: str, default: int) -> int:
+def _whole(parameters: ParameterSet, name: str, default: int) -> int:
     """Return the positive integer called `name`, and note it as read; the default if it is absent or something else."""
     parameter = parameters.items.get(name)
     if parameter is None or parameter.kind != "integer" or len(parameter.values) != 1 or parameter.numbers[0] < 1:

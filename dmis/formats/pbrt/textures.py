@@ -16,7 +16,7 @@ import numpy as np
 from dmis.base.color import LUMINANCE
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image, combine, scale
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.image import srgb_to_linear
 from dmis.image_reader import IMAGE_SUFFIXES, decode_image, linear_values, load_image
@@ -29,7 +29,7 @@ _FORMATS = {"v2": (".exr", ".tga", ".pfm"), "v3": (".exr", ".tga", ".pfm", ".png
 """Extensions of the image files that each version of pbrt reads."""
 
 
-def make_texture(kind: str, name: Token, p: Parameters) -> Any:
+def make_texture(kind: str, name: Token, p: ParameterSet) -> Any:
     """Return a texture of class `name` and type `kind`, float or color.
 
     A constant texture is a number or an RGB triple, any other an image.
@@ -62,7 +62,7 @@ def blend(a: Any, b: Any, amount: Any) -> Any:
     return combine(lambda x, y, t: (1 - t) * x + t * y, a, b, amount)
 
 
-def _checkerboard(kind: str, name: Token, p: Parameters) -> Image:
+def _checkerboard(kind: str, name: Token, p: ParameterSet) -> Image:
     """Return two by two squares of two constants; pbrt also blurs their edges by the size of a pixel there."""
     if p.integer("dimension", 2) != 2:
         raise p.items["dimension"].error("must be 2, because a checkerboard in space is not supported")
@@ -74,7 +74,7 @@ def _checkerboard(kind: str, name: Token, p: Parameters) -> Image:
         return Image(np.array([[one, two], [two, one]]), size, offset, nearest=True)
 
 
-def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
+def _imagemap(kind: str, name: Token, p: ParameterSet) -> Image:
     p.string("mapping", "uv", ("uv",))
     p.note_unapplied({"filter": ["bilinear"], "trilinear": ["false"], "maxanisotropy": None})
     wrap = p.string("wrap", "repeat", ("repeat", "black", "clamp"))
@@ -105,7 +105,7 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
         return Image(texels.astype(np.float32, copy=False), size, offset, wrap)  # type: ignore[arg-type]
 
 
-def _is_encoded(p: Parameters) -> bool:
+def _is_encoded(p: ParameterSet) -> bool:
     """Return whether the whole numbers of the image of a texture are sRGB."""
     if not p.string("filename").lower().endswith(_WHOLE):
         p.require({"gamma": False} if p.dialect == "v3" else {"encoding": "linear"} if p.dialect == "v4" else {})
@@ -115,7 +115,7 @@ def _is_encoded(p: Parameters) -> bool:
     return p.dialect == "v3" and p.boolean("gamma", True)
 
 
-def _exponent(p: Parameters) -> float:
+def _exponent(p: ParameterSet) -> float:
     """Return the exponent of v4's ``encoding``, such as "gamma 2.2"; 1 if it is a name."""
     encoding = p.string("encoding", "sRGB") if p.dialect == "v4" else "linear"
     if encoding in ("sRGB", "linear"):
@@ -126,7 +126,7 @@ def _exponent(p: Parameters) -> float:
     return float(number[1])
 
 
-def image(p: Parameters, name: str, encoded: bool | None = None, alpha: bool = False) -> Array:
+def image(p: ParameterSet, name: str, encoded: bool | None = None, alpha: bool = False) -> Array:
     """Read the image file that the string parameter `name` names, (H, W, 3) float32, or (H, W, 4) with `alpha`.
 
     Whole numbers are decoded from sRGB if `encoded`; by default in v4 only, as those of skies.

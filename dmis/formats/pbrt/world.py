@@ -10,20 +10,20 @@ from dmis.brdf.materials import Material
 from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission, make_light
 from dmis.formats.pbrt.make_material import materials_of
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.pbrt_shapes import make_shape
 from dmis.formats.pbrt.reader import KEPT, PARAMETERS, Directive, Reader
 from dmis.formats.pbrt.tokens import Token
 
 
-def _attribute(reader: Reader, kind: Token, p: Parameters) -> None:
+def _attribute(reader: Reader, kind: Token, p: ParameterSet) -> None:
     """Add parameters to the later objects of a kind in this block."""
     kind.among("the kind of an Attribute", ("shape", "light", "material", "medium", "texture"))
     items = {**reader.state.added.get(kind.name, {}), **p.items}
     reader.change(added={**reader.state.added, kind.name: items})
 
 
-def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parameters) -> None:
+def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: ParameterSet) -> None:
     from dmis.formats.pbrt.textures import make_texture
 
     kind.among("the type of a texture", ("float", "color", "spectrum"))
@@ -43,13 +43,13 @@ def _check_material(kind: Token) -> None:
     kind.among("a material", materials_of(kind.dialect))
 
 
-def _material(reader: Reader, name: Token, p: Parameters) -> None:
+def _material(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Keep the line: its material is made where a shape has it."""
     _check_material(name)
     reader.change(material=(name, p), named=None)
 
 
-def _make_named_material(reader: Reader, name: Token, p: Parameters) -> None:
+def _make_named_material(reader: Reader, name: Token, p: ParameterSet) -> None:
     kind = p.string("type")
     token = p.items["type"].token._replace(text=f'"{kind}"')
     own = p
@@ -73,12 +73,12 @@ def _named_material(reader: Reader, name: Token) -> None:
     reader.change(named=name.name)
 
 
-def _light_source(reader: Reader, name: Token, p: Parameters) -> None:
+def _light_source(reader: Reader, name: Token, p: ParameterSet) -> None:
     reader.lights.append(make_light(name, p, reader.to_world()))
     reader.samples.light_samples.append(reader.samples.of_light(p))
 
 
-def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
+def _area_light_source(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Let the shapes of this block emit."""
     name.among("an area light", ("area", "diffuse"))
     emitted = emission(p)
@@ -90,7 +90,7 @@ def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
     reader.change(area_light=p)
 
 
-def _shape(reader: Reader, name: Token, p: Parameters) -> None:
+def _shape(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Add a shape, or one or two that emit, with the current material."""
     state, corners = reader.state, p.items.get("indices")
     if corners is not None and not len(corners.values) and reader.dialect is not V4:
