@@ -5,8 +5,8 @@ On scenes of your own, on which no constant of dmis was chosen:
     python benchmarks/field.py my-scenes kitchen/scene.pbrt room.gltf
 
 A folder stands for the scene files in it and in its folders. Direct light, Sobol points, one thread, both rules in
-turns; the reference is rendered by ``balance``. Each render is a row of the CSV file, written as soon as it is made; an
-interrupted run continues. A scene takes some minutes. `tables` makes the table of docs/measurements.md.
+turns; the reference is rendered by ``balance``. Each render is a row of the CSV file, written as soon as it is made.
+A scene takes some minutes. `tables` makes the table of docs/measurements.md.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from rows import markdown, read_runs, writer
 from show_points import cell
 
 import dmis
+from dmis.base.atomic_files import check_writable
 from dmis.experiment.convergence import MEASURES
 from dmis.experiment.runs import Run, measure
 
@@ -40,9 +41,8 @@ def scene_files(path: Path) -> Iterator[Path]:
         yield path
         return
     for file in sorted([*path.glob("*"), *path.glob("*/*")]):
-        if file.suffix in SCENE_FILES and (
-            file.suffix != ".pbrt" or "WorldBegin" in file.read_text("utf-8", "replace")
-        ):
+        included = file.suffix == ".pbrt" and "WorldBegin" not in file.read_text("utf-8", "replace")
+        if file.suffix in SCENE_FILES and not included:
             yield file
 
 
@@ -62,14 +62,14 @@ def row(scene: str, of_auto: Sequence[Run], of_balance: Sequence[Run]) -> list[s
 
 def tables(csv: Path = CSV) -> dict[str, list[str]]:
     """Return the lines of the block."""
-    head = ("scene", "samples", *(f"{error}, equal time" for error in MEASURES.values()))
+    head = ["scene", "samples", *(f"{error}, equal time" for error in MEASURES.values())]
+    head += ["worst seed over `balance`'s worst", "worst seed over median", "CPU per ray"]
     rows = []
     for scene, runs in read_runs(csv).items():
         for spp in sorted({run.spp for run in runs}):
             auto, balance = ([run for run in runs if (run.rule, run.spp) == (rule, spp)] for rule in RULES[::-1])
             rows.append(row(scene, auto, balance))
-    more = ("worst seed over `balance`'s worst", "worst seed over median", "CPU per ray")
-    return {"measurements.md: field": markdown((*head, *more), rows)}
+    return {"measurements.md: field": markdown(head, rows)}
 
 
 def main() -> None:
@@ -80,26 +80,25 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=6, help="number of seeds (default 6)")
     parser.add_argument("--resolution", nargs=2, type=int, default=(320, 180), help="pixels (default 320 180)")
     parser.add_argument("--reference", type=int, default=2048, help="samples per pixel of each half (default 2048)")
-    parser.add_argument("--csv", type=Path, default=CSV, help="rows of results (default docs/tables/field.csv)")
+    parser.add_argument("--csv", type=Path, default="field.csv", help="new file of results (default field.csv)")
     given = parser.parse_args()
-    settings = dmis.Settings(integrator="direct", sampler="sobol")
-    for file in [file for path in given.scenes for file in scene_files(path)]:
-        scene = dmis.load_scene(file, resolution=tuple(given.resolution))
-        name = scene_name(file)
-        title = f"{name} {given.resolution[0]}×{given.resolution[1]}"
-        reference = dmis.make_reference(scene, given.reference, settings=settings, progress=show(name))
-        write = writer(given.csv, title)
-        measure(
-            scene,
-            [(rule, spp) for spp in given.spp for rule in RULES],
-            given.seeds,
-            reference,
-            done=read_runs(given.csv).get(title, []),
-            record=lambda run, _: write(run),  # noqa: B023 - called in this turn of the loop alone
-            parallel=1,
-            settings=settings,
-            progress=show(name),
+    files = [file for path in given.scenes for file in scene_files(path)]
+    names = [f"{scene_name(file)} {given.resolution[0]}×{given.resolution[1]}" for file in files]
+    if not files or given.seeds < 2 or given.csv.exists() or len({*names}) < len(names):
+        parser.error(
+            f"the scenes need files {SCENE_FILES} with names of their own, --seeds two or more, and --csv a new file; "
+            f"got {names}, --seeds {given.seeds}, --csv {given.csv}{' (exists)' * given.csv.exists()}"
         )
+    try:
+        check_writable(given.csv)
+        scenes = [dmis.load_scene(file, resolution=tuple(given.resolution)) for file in files]
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
+    for name, scene in zip(names, scenes):
+        about = {"settings": dmis.Settings(integrator="direct", sampler="sobol"), "progress": show(name)}
+        reference = dmis.make_reference(scene, given.reference, **about)
+        turns = [(rule, spp) for spp in given.spp for rule in RULES]
+        measure(scene, turns, given.seeds, reference, record=writer(given.csv, name), parallel=1, **about)
     print("\n".join(tables(given.csv)["measurements.md: field"]))
 
 

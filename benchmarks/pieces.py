@@ -76,7 +76,7 @@ WEIGHTS = "tables/mis-bench.csv", "tables/weight-bounds.csv", "tables/weight-ren
 WEIGHT_FIGURES = "images/what-weights-save.webp", "images/edges-and-resolution.webp"
 ERROR_TIME = tuple(f"images/error-time-{scene}.webp" for scene in FOUR)
 DEMO = renders_of(FOUR[:1], "balance", "thesis", "auto")
-FIELD = "benchmarks/field.py field-scenes --seeds 5 --reference 512"
+FIELD = "benchmarks/field.py field-scenes --seeds 5 --reference 512 --csv docs/tables/field.csv"
 SIMPLEX = (*BALANCE, "tt simplex", "teapot-area-light fixed")
 
 PIECES: tuple[Piece, ...] = (

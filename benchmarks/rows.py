@@ -42,13 +42,13 @@ def read_runs(path: Path) -> dict[str, list[Run]]:
     return runs
 
 
-def writer(path: Path, scene: str) -> Callable[[Run], None]:
+def writer(path: Path, scene: str) -> Callable[..., None]:
     """Return a function that adds a run of a scene to a file, which it makes first if there is none."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(",".join(COLUMNS) + "\n", "utf-8")
 
-    def write(run: Run) -> None:
+    def write(run: Run, *_: object) -> None:
         with path.open("a", newline="", encoding="utf-8") as file:
             csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow({"scene": scene, **asdict(run)})
 

@@ -26,6 +26,12 @@ class _Package(ModuleType):
             value.__class__ = _Package
         super().__setattr__(name, value)
 
+    def __call__(self, *_: object, **__: object) -> None:
+        """Refuse to be called: `dmis.doctor` was a function."""
+        raise TypeError(
+            f"{self.__name__} is a package, not a function; write dmis.diagnose(table) for dmis.doctor(table)"
+        )
+
     def __getattr__(self, name: str) -> object:
         """Return a public name of dmis, or a module; a missing attribute says what to write, if that is known."""
         public, full, hint = self.__name__ == __name__, f"{self.__name__}.{name}", ""
