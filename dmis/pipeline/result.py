@@ -184,8 +184,8 @@ def make_result(
         Seconds of all rounds and of the rule between them.
     """
     rays = {kind: number for kind, number in passes.rays.items() if kind != UNTRACED}
-    pilot, last = passes.seconds["pilot"], passes.seconds["final"]
-    seconds = {"pilot": pilot, "fit": total - pilot - last, "render": last, "total": total}
+    pilot, rounds = passes.seconds["pilot"], sum(passes.seconds.values())
+    seconds = {"pilot": pilot, "fit": total - rounds, "render": rounds - pilot, "total": total}
     shape, settings = image[0].shape[:2], final.settings
     if final.patterns is not None:
         samples, light, brdf = final.technique_samples()
