@@ -140,7 +140,7 @@ def test_files_that_end_early(tmp_path, capfd):
 
 def test_instances_are_counted(monkeypatch):
     """A small file may ask for one mesh any number of times."""
-    monkeypatch.setattr("dmis.formats.mesh_files.MAX_FACES", 20)
+    monkeypatch.setattr("dmis.formats.model.MAX_FACES", 20)
     scene = trimesh.Scene(trimesh.creation.box())
     name = next(iter(scene.geometry))
     assert [len(mesh.faces) for _, mesh in placed_geometries(scene)] == [12]
@@ -191,7 +191,7 @@ def test_images_that_say_too_much(tmp_path, monkeypatch):
         read_exr(tmp_path / "b.exr")
     with pytest.raises(ValueError, match=r"and 100 values in them; got 9 of 8x2"):
         read_exr(tmp_path / "a.exr", 100)
-    monkeypatch.setattr("dmis.image.MAX_CHANNELS", 8)
+    monkeypatch.setattr("dmis.base.window.MAX_CHANNELS", 8)
     with pytest.raises(ValueError, match=r"at most 8 channels, .* got 9 of 8x2"):
         read_exr(tmp_path / "a.exr")
 

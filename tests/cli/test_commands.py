@@ -250,7 +250,7 @@ runpy.run_module("dmis", run_name="__main__", alter_sys=True)"""
     np.testing.assert_array_equal(*(read_exr(paths[name])[0]["RGB"] for name in ("a.exr", "b.exr")))
 
 
-@pytest.mark.parametrize("writer", ["dmis.pipeline.result.write_exr", "dmis.cli.rendering.write_png"])
+@pytest.mark.parametrize("writer", ["dmis.image.write_exr", "dmis.cli.rendering.write_png"])
 def test_checkpoint_is_removed_after_the_image_is_written(scene, tmp_path, monkeypatch, writer):
     """If writing fails, the finished tiles are kept, and the same command renders none of them again."""
     names = [str(tmp_path / name) for name in ("a.exr", "a.png", "c")]
