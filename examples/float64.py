@@ -40,8 +40,8 @@ def wide() -> None:
         sys.modules["numpy"] = np
     for name in SINGLE:
         modules[name].np = np
-    streams = modules["dmis.samplers.streams"]
-    for sampler in (streams.Independent, streams.Stratified, streams.Sobol):
+    for name, sampler in (("streams", "Independent"), ("stratified", "Stratified"), ("sobol", "Sobol")):
+        sampler = getattr(modules[f"dmis.samplers.{name}"], sampler)
         sampler.draw = _widened(sampler.draw)
 
 

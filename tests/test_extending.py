@@ -160,13 +160,15 @@ def test_a_heuristic_that_is_defined_anew_is_not_remembered() -> None:
 )
 def test_techniques_of_a_round_that_are_refused(techniques: Any, changes: dict[str, Any], message: str) -> None:
     shares = np.full(len(techniques), 1 / len(techniques))
+    settings = dmis.Settings(integrator="direct", max_depth=1, sampler="sobol", **changes)
     with pytest.raises(ValueError, match=message):
-        Round(4, shares, dmis.Settings(**changes), techniques=techniques)
+        Round(4, shares, settings, techniques=techniques).checked((2, 2))
 
 
 def test_techniques_of_a_round_without_brdf_compensate_no_sky(box: dmis.Scene) -> None:
     budget = resolve(box, "balance", 4, 0, dmis.Settings(compensation=0.5)).budget
-    without, with_brdf = (budget.final(dmis.Fit(0.5), techniques=("light", name)) for name in ("uniform", "brdf"))
+    rounds = [budget.final(dmis.Fit(0.5), techniques=("light", name)) for name in ("uniform", "brdf")]
+    without, with_brdf = (round_.checked(box.camera.resolution[::-1]) for round_ in rounds)
     assert (without.settings.sky_compensation, with_brdf.settings.sky_compensation) == (0, 0.5)
 
 
