@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from common import print_canvas, write_webp
-from mis_bench import cropped
 from weight_bounds import ShareTiltMoments, resized, variance
 
 from dmis import plot
@@ -35,7 +34,8 @@ def draw_edges() -> None:
     figure, axes = print_canvas(2, 3, 4.2)
     for line, (name, corner) in zip(axes, VIEWS.items(), strict=True):
         scene, settings = load(f"full-{name}")
-        views = [cropped(resized(scene, 8), np.array(corner), VIEW), cropped(scene, 8 * np.array(corner), 8 * VIEW)]
+        window = np.array([corner[1], corner[0], corner[1] + VIEW, corner[0] + VIEW])
+        views = [resized(scene, 8).crop(window), scene.crop(8 * window)]
         plot.picture(line[0], render(views[1], "balance", 64, settings=settings).image, name)
         for axis, view, divisor in zip(line[1:], views, (8, 1), strict=True):
             width, height = (n // divisor for n in scene.camera.resolution)
