@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, take
-from dmis.estimator.cost import CAMERA, RAY, SHADING, count_camera_samples, surface_points
+from dmis.estimator.cost import CAMERA, RAY, count_camera_samples, surface_points
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings, make_settings
+from dmis.estimator.technique import SHADING
 from dmis.fit.fixed import Fixed
 from dmis.pipeline.job import resolve
 from dmis.pipeline.tile import make_tiles, render_tile

@@ -93,7 +93,8 @@ def systematic_counts(
             fraction = np.divide(fraction, rest, out=np.zeros_like(rest), where=rest > 0)
         fraction = _of_samples(fraction, pixel)
         start = of_pixel.take(pixel)
-        before, after = ((n * fraction + start).astype(np.int32) for n in (slot, slot + left))  # rounded down
+        # m_k = floor((n + l) w' + U) - floor(n w' + U): n samples before these l, w' = w_k / (w_k + ... + w_K)
+        before, after = ((n * fraction + start).astype(np.int32) for n in (slot, slot + left))
         counts.append(after - before)
         samples_before.append(before)
         slot = slot - before

@@ -12,8 +12,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import EQUAL, FIRST, SAMPLES_OF, SHARE_OF, SHARES
-from dmis.estimator.technique import SHADING as SHADING
-from dmis.estimator.technique import Technique, technique_by_name
+from dmis.estimator.technique import SHADING, Technique, technique_by_name
 from dmis.intersect import UNTRACED
 
 CAMERA, RAY = 1.0, 0.4
