@@ -176,3 +176,10 @@ def test_size_of_batches(lights: int, combiner: str, monkeypatch: pytest.MonkeyP
     assert 0 < np.count_nonzero(results[0]["curve"][1]) < 0.4 * pixels
     for name, values in results[0].items():
         np.testing.assert_array_equal(results[1][name], values)
+
+
+def test_gathered_values_are_means_over_pairs() -> None:
+    gather = dmis.Gather(lambda x, d: x.mean(axis=0), 3, 4)
+    value, pdf = np.full((3, 6), 0.7, np.float32), np.ones((2, 6), np.float32)
+    gather.add([Record(k, (0,), i, None, value, pdf) for k in (0, 1) for i in (0, 1)], value, 2)
+    np.testing.assert_allclose(gather.sums()["values"], [0.7, 0.7, 0.7], rtol=1e-6)
