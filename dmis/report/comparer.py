@@ -1,4 +1,4 @@
-"""The image comparer: in reports, in notebooks, and as a page of its own.
+"""The image comparer of reports, of notebooks, and of the page that `dmis.show` makes.
 
 The template ``show.html`` beside this module is its page; ``comparer.html``, ``.css`` and ``.js`` have its elements,
 style and script.

@@ -131,7 +131,7 @@ class DensityView:
 
     @cached_property
     def counts(self) -> tuple[Array, Array, Array]:
-        """Counts of the other directions, those that the pdf expects, and the variance of these, ``(cells + 1,)`` each.
+        """Counts of directions by cell, counts expected from the pdf, and their variances, ``(cells + 1,)`` each.
 
         The last cell is that of directions that are not accepted, such as those below the horizon. It expects what the
         integral of the pdf lacks to 1, or exceeds it by.

@@ -1,4 +1,4 @@
-"""What a rule wants to know of a pilot at w = 1/2: means or variances of a function of its shading samples."""
+"""Statistic of a pilot at w = 1/2: means or variances of a function of its shading samples."""
 
 from __future__ import annotations
 

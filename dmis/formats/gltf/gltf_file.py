@@ -35,7 +35,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
 class Gltf:
-    """The bytes of a glTF file, which is that of a model; what is left out is counted there."""
+    """Reads the JSON and the buffers of a glTF file, and counts in `model` the features that it leaves out."""
 
     def __init__(self, model: Model, data: bytes) -> None:
         self.model = model

@@ -41,7 +41,7 @@ class Notes:
         self._notes.setdefault(kind, {}).setdefault(what, {})[id(token)] = token
 
     def add_parameters(self, p: ParameterSet) -> None:
-        """Note what was found of the parameters of a line, and those that were not read."""
+        """Note the findings about the parameters of a line, and the parameters that no reader has used."""
         for kind, item in p.findings:
             self.add(kind, f"{item.name!r} of {item.directive.text}", item.token)
         for name, item in p.items.items():
