@@ -137,8 +137,8 @@ def count_words(page: Path) -> int:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name != "references.md"], ids=lambda page: page.name)
 def test_page_is_short(page):
-    """At most 1,200 words of prose; the list of references is looked up, not read."""
-    assert count_words(page) <= 1200
+    """At most 1,200 words of prose, more of the thesis; the list of references is looked up, not read."""
+    assert count_words(page) <= {"thesis.md": 1600}.get(page.name, 1200)
 
 
 def test_syllabus_links_to_every_exercise():
@@ -178,7 +178,7 @@ def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
 
 def test_published_figures():
     """Each script has a small figure and says how it was made; those of the thesis have short captions and a link."""
-    folder, page = ROOT / "docs" / "figures", (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    folder, page = ROOT / "docs" / "figures", (ROOT / "docs" / "thesis.md").read_text("utf-8")
     captions = json.loads((folder / "captions.json").read_text("utf-8"))
     scripts = {path.stem: path.parent.name for path in (ROOT / "examples").glob("*/plot_*.py")}
     assert set(scripts) == set(captions) == {path.stem for path in folder.glob("*.webp")}

@@ -232,7 +232,7 @@ def test_tables_of_planted_errors(score_tables, tmp_path, monkeypatch):
 
 def test_results_about_the_sun_are_those_of_the_page(score_tables):
     """The page's block is made of sun.csv, which no piece makes."""
-    text = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    text = (ROOT / "docs" / "thesis.md").read_text("utf-8")
     assert "\n".join(["<!-- sun: begin -->", *score_tables.sun(), "<!-- sun: end -->"]) in text
 
 
@@ -249,7 +249,7 @@ def test_caption_of_tt_repeats_the_tables(score_tables):
 
 def test_numbers_of_the_reproduction_have_a_source():
     """A number with a decimal point in its text is in a table or caption, one in a figure's row in its caption."""
-    page = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    page = (ROOT / "docs" / "thesis.md").read_text("utf-8")
     captions = json.loads((ROOT / "docs" / "figures" / "captions.json").read_text("utf-8"))
     page = re.sub(r"```.*?```|<!--.*?-->|^    .*?$", "", page, flags=re.S | re.M)
     rows = dict(re.findall(r"^(\|.*\(figures/(\w+)\.webp.*)$", page, re.M))

@@ -28,7 +28,7 @@ OTHER_FILES = {
     "figures/captions.json": "titles and captions of all figures",
     "tables/reproduction-full.csv": "made by commit c8bbb91, in hours",
     "tables/reproduction-original.csv": "needs the public pbrt-v2 files",
-    "tables/sun.csv": "docs/reproduction.md has its command",
+    "tables/sun.csv": "docs/thesis.md has its command",
     "tables/published.csv": "what publish.py notes",
     "tables/renders.csv": "what publish.py notes",
 }
@@ -36,14 +36,13 @@ OTHER_FILES = {
 BY_HAND = {
     "brdfs.md": "tests/brdf/test_models.py computes all cells",
     "does-not-pay.md": "experiments whose code is not kept",
-    "thesis.md": "numbers that the thesis prints",
-    "reproduction.md": "figures, whose captions have the numbers: tests/test_examples.py compares them",
+    "thesis.md": "numbers of the thesis, and of captions: tests/test_examples.py compares them",
     "rules.md": "measured on pages that it links to",
 }
 """Pages with numbers in tables that no block has, and why."""
 ELSEWHERE = {
     "code.md: lines": "tests/test_count_lines.py",
-    "reproduction.md: sun": "tests/test_examples.py; the page has the command",
+    "thesis.md: sun": "tests/test_examples.py; the page has the command",
 }
 """Blocks that another test compares with what makes them."""
 MODULES = [import_module(name) for name in dict.fromkeys(piece.module for piece in PIECES) if name]

@@ -71,7 +71,7 @@ each BRDF sample; ``thesis-shares`` has the same values, and w divides the sampl
 numbers: of all set-ups that were tried its absolute errors are nearest to the thesis's, with the numbers of samples
 that the scene files ask for (`Settings.as_in_file`), ``integrator="path"`` on both killeroo scenes, ``"direct"`` on the
 others, and 128 points in the final pass: 122 rounded up to a power of two, as pbrt-v2's sampler does. So ``spp`` is 134
-for the rule ``thesis``, and 128 for ``balance``. docs/reproduction.md has the errors.
+for the rule ``thesis``, and 128 for ``balance``. docs/thesis.md has the errors.
 
 What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; lobes
 of a surface picked uniformly; a path continued by one more BRDF sample, beside those of direct lighting; Russian

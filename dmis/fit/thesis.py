@@ -11,6 +11,11 @@
 Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight, w_i here, and y_i the variance.
 The thesis does not say what happens without a minimum in [0, 1] (here: `STATUS`), which variance of a colour is meant,
 and what the sigma of the Gaussian is: `dmis.fit.thesis_options` has the other answers. docs/thesis.md explains each.
+
+If y_0, y_h, y_1 are exact values of a monotone V(w) at 0, 1/2 and 1, then V at the result is at most V(1/2). Let V
+fall, with ``A = y_0 - y_h >= 0`` and ``B = y_h - y_1 >= 0``. For ``A > B`` the minimum is at
+``3/4 + B / (2 (A - B)) >= 3/4``; for ``A <= B`` there is none, and the result is 1. If V is convex and V(1/2) is the
+least of the three, the result is in [1/4, 3/4], and ``V(w) - V(1/2) <= (V(1) - V(1/2)) / 2`` where ``A > |B|``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Exercise 13 (easy): the minimum of a parabola through three variances.
 
-Equation (14) of the theory page gives the minimum. There are three special cases:
+Equation (14) of the page "The thesis" gives the minimum. There are three special cases:
 
 * If the minimum is outside [0, 1], take the nearer end.
 * If the parabola has no minimum, take the best of the three shares.

@@ -226,7 +226,7 @@ for k in (1, 2):
 # If w weighs the heuristic, the gain is smaller, because every camera sample takes a
 # BRDF sample, whatever w is. With 32 samples the gain hardly pays for the six pilot
 # samples. With the thesis's 128 samples the gain does pay for the pilot on this scene.
-# The page "Reproduction of the thesis" compares both readings.
+# The page "The thesis" compares both readings.
 #
 # On other scenes the rule loses, even at equal samples. The next tutorial explains why,
 # and what helps.

@@ -99,7 +99,7 @@ axes[0].legend()
 #
 # But this minimum is on the side of 1/2 where the variance is lower. If V(w) only falls
 # or only rises, a parabola through exact points never loses against w = 1/2; it only
-# misses a part of the gain. The proof is on the page "Theory: proofs and extensions".
+# misses a part of the gain. The proof is in `dmis/fit/thesis.py`.
 half = curve[HALF]
 for name, value in (
     ("at the parabola's minimum", np.interp(minimum, GRID, curve)),
@@ -183,10 +183,10 @@ for rule in rules[1:]:
     print(f"{rule:28} mean squared error over that of balance {value:.2f} ± {half:.2f}")
 
 # %%
-# ``second-moment`` wins. ``thesis`` (with shares) loses. The page "The thesis in short"
-# reports a gain on this scene, with 128 samples and larger patches. Here the pilot
-# takes six of only 32 samples: even with equal shares the ratio would be 32/26 = 1.23,
-# because only 26 samples make the image. Besides, patches of 8 by 8 pixels miss spikes.
+# ``second-moment`` wins. ``thesis`` (with shares) loses. The page "The thesis" reports
+# a gain on this scene, with 128 samples and larger patches. Here the pilot takes six of
+# only 32 samples: even with equal shares the ratio would be 32/26 = 1.23, because only
+# 26 samples make the image. Besides, patches of 8 by 8 pixels miss spikes.
 # With patches of 16 by 16 pixels the ratio is 1.14 ± 0.05; with these patches and 128
 # samples it is 0.95 ± 0.03.
 #

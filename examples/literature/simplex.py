@@ -1,9 +1,10 @@
 """The rule ``simplex``: shares of K techniques per patch, where the variance times cost is least.
 
 For two techniques the rule ``second-moment`` does the same on a finer grid. Techniques k = 1..K with shares w_k of sum
-1, points of the simplex, and densities p_k are mixed by the balance heuristic (theory-extensions.md, Eq. 18a): a sample
-of k has the value ``Y_k = f F_k / p_w``, ``p_w = sum_j w_j p_j``. F_k is 1, except for techniques whose density is not
-known (``resampled``): there p_k is an approximation of the density, and the factor F_k corrects for it. With
+1, points of the simplex, and densities p_k are mixed by the balance heuristic (docs/theory.md, Eq. 18, is the same for
+two techniques): a sample of k has the value ``Y_k = f F_k / p_w``, ``p_w = sum_j w_j p_j``. F_k is 1, except for
+techniques whose density is not known (``resampled``): there p_k is an approximation of the density, and the factor F_k
+corrects for it. With
 
     m_k(w) = E_k[Y_k],  M2(w) = sum_k w_k E_k[Y_k^2],  sum_k w_k m_k = I
 

@@ -20,7 +20,7 @@ of a reference: of linear values, and of values clipped to [0, 1].
 Errors of blocks of pixels are kept in the cache folder, so that an interrupted run
 continues; remove its folder ``reproduction`` to render again. A row of the table of
 results (``--csv``) is a render. ``score_tables.py`` makes the tables of
-docs/reproduction.md from these rows alone. Without ``--setups`` and ``--rules`` all
+docs/thesis.md from these rows alone. Without ``--setups`` and ``--rules`` all
 rows of that page are made, hours of work, but those of the public files: these need
 ``--scene-dir``, and have a table of their own.
 """
@@ -138,7 +138,7 @@ PLANS = (
     (MAIN_SETUPS, ("power",), 2),
     (("independent",), tuple(CHOICES), 1),
 )
-"""Set-ups, rules and numbers of seeds of docs/reproduction.md."""
+"""Set-ups, rules and numbers of seeds of docs/thesis.md."""
 
 
 # %%

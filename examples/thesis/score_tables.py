@@ -2,7 +2,7 @@
 The tables of the reproduction, from its table of results
 =========================================================
 
-Makes the tables of docs/reproduction.md from files of docs/tables:
+Makes the tables of docs/thesis.md from files of docs/tables:
 ``reproduction.csv``, a row of which is a render of ``make_score.py``;
 ``reproduction-full.csv``, results of three seeds at the thesis's resolution by commit
 c8bbb91; ``floors.csv`` of ``make_floors.py``; ``sun.csv``, results of ``compare`` by
@@ -383,13 +383,13 @@ def floors() -> list[str]:
 def tables() -> dict[str, list[str]]:
     """Return the lines of the blocks."""
     return {
-        "reproduction.md: table 4.1": table_4_1(),
-        "reproduction.md: seconds": table_of_seconds(),
-        "reproduction.md: score": table_of_scores(),
-        "reproduction.md: set-ups": set_ups(),
-        "reproduction.md: floors": floors(),
-        "reproduction.md: choices": choices(),
-        "reproduction.md: sun": sun(),
+        "thesis.md: table 4.1": table_4_1(),
+        "thesis.md: seconds": table_of_seconds(),
+        "thesis.md: score": table_of_scores(),
+        "thesis.md: set-ups": set_ups(),
+        "thesis.md: floors": floors(),
+        "thesis.md: choices": choices(),
+        "thesis.md: sun": sun(),
     }
 
 
@@ -402,7 +402,7 @@ def sentences() -> dict[str, list[str]]:
     covered = [name for name in SCENES if covers(nearest, name)]
     titles = " and ".join(SCENES[name].title for name in covered)
     return {
-        "reproduction.md": [
+        "thesis.md": [
             f"{times(far['teapot-area-light'])} and {times(far['tt'])} times as large",
             f"{times(min(near))} to {times(max(near))} times the thesis's",
             f"off by {float(rms):.0%} in the root mean square".replace("%", " %"),
