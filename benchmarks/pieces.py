@@ -88,8 +88,6 @@ PIECES: tuple[Piece, ...] = (
     Piece("mitsuba-speed", "benchmarks/against_mitsuba.py --tables speed", "show_mitsuba", BALANCE),
     Piece("mitsuba-errors", "benchmarks/against_mitsuba.py --tables errors", "show_mitsuba", AUTO),
     Piece("mitsuba-paths", "benchmarks/against_mitsuba.py --tables paths", "show_mitsuba", (*BY_PATHS, *CORNELL)),
-    Piece("pattern-harm", "benchmarks/measure_pattern_harm.py", "measure_pattern_harm", renders_of(FOUR, "auto")),
-    Piece("ladder", "benchmarks/make_ladder_table.py --threads 1", "make_ladder_table", BALANCE),
     Piece("simplex", "benchmarks/make_simplex_table.py", "make_simplex_table", SIMPLEX),
     Piece("stability", "benchmarks/make_stability_table.py", "make_stability_table", (*BALANCE, *OTHER_BALANCE)),
     Piece("reproduction", "examples/thesis/make_score.py", "score_tables", THESIS),

@@ -273,9 +273,7 @@ MEASUREMENTS = [
         {"| tt ": 8, "| geometric mean |": 2, "| `auto` |": 1},
     ),
     ("make_error_time", "show_error_time", ("--seeds", "2", "--scenes", "tt"), {"| tt ": 1}),
-    ("measure_pattern_harm", "", ("--seeds", "4", "--scenes", "teapot-area-light", "tt"), {"% ± ": 4}),
     ("make_parabola_table", "", ("--seeds", "1"), {"| 4 | ": 4, "nan": 0}),
-    pytest.param("make_ladder_table", "", (), {"| B": 8, "|  | ": 3}, marks=pytest.mark.slow),
     pytest.param("make_stability_table", "", (), {"| ±10": 8, "| veach-mis": 1}, marks=pytest.mark.slow),
     pytest.param("make_simplex_table", "", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24}, marks=pytest.mark.slow),
     pytest.param(
