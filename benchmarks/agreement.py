@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
 
 from common import SCENES, show
-from rows import markdown, read_rows, write_rows
+from rows import read_rows, write_rows
 
 import dmis
 from dmis.base.patches import patch_mean
@@ -145,16 +145,8 @@ def _error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def tables() -> dict[str, list[str]]:
-    """Return the lines of the block."""
-    rows = []
-    for row in read_rows(CSV):
-        mean, error, l2, noise = (100 * float(row[field]) for field in ("mean", "s.e.", "l2", "noise"))
-        freedom = 2 * (int(row["seeds"]) - 1)
-        expected = f" ({np.sqrt(freedom / (freedom - 2)):.2f})" if freedom > 2 else ""
-        cells = f"{mean:+.3f} ± {error:.3f} %", f"{l2:.2f} ({noise:.2f}) %", f"{float(row['z']):.2f}{expected}"
-        rows.append([row["scene"], row["surfaces"], row["light"], *cells])
-    head = [*FIELDS[:3], "mean, dmis / Mitsuba - 1", "blocks, relative L2 (noise)", "r.m.s. z (of noise)"]
-    return {"tables.md: mitsuba-agreement": markdown(head, rows)}
+    """Return no tables: a page has the extremes of the rows in a sentence."""
+    return {}
 
 
 def sentences() -> dict[str, list[str]]:

@@ -6,31 +6,26 @@ On scenes of your own, on which no constant of dmis was chosen:
 
 A folder stands for the scene files in it and in its folders. Direct light, Sobol points, one thread, both rules in
 turns; the reference is rendered by ``balance``. Each render is a row of the CSV file, written as soon as it is made.
-A scene takes some minutes. `tables` makes the table of docs/measurements.md.
+A scene takes some minutes. The rows of docs/results.md are those of `show_points.field_rows`.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-from common import ROOT, show
-from equal_time import equal_time_ratio
-from rows import markdown, read_runs, writer
-from show_points import cell
+from common import show
+from rows import markdown, writer
+from show_points import HEAD, field_rows
 
 import dmis
 from dmis.base.atomic_files import check_writable
-from dmis.experiment.convergence import MEASURES
-from dmis.experiment.runs import Run, measure
+from dmis.experiment.runs import measure
 
-CSV = ROOT / "docs" / "tables" / "field.csv"
 SCENE_FILES = (".pbrt", ".gltf", ".glb", ".obj")
 RULES = ("balance", "auto")
 
@@ -49,27 +44,6 @@ def scene_files(path: Path) -> Iterator[Path]:
 def scene_name(file: Path) -> str:
     """Return what tables call a scene file: its folder, where the file's name says nothing."""
     return file.parent.resolve().name if file.stem.startswith("scene") else file.stem
-
-
-def row(scene: str, of_auto: Sequence[Run], of_balance: Sequence[Run]) -> list[str]:
-    """Return the cells of a scene."""
-    equal_time = [cell(*equal_time_ratio(of_auto, [of_balance], measure)) for measure in MEASURES]
-    errors, baseline = (np.array([run.relmse for run in runs]) for runs in (of_auto, of_balance))
-    per_ray = np.median([a.cpu_seconds / a.rays / (b.cpu_seconds / b.rays) for a, b in zip(of_auto, of_balance)])
-    tail = f"{errors.max() / baseline.max():.2f}", f"{errors.max() / np.median(errors):.2f}"
-    return [scene, str(of_auto[0].spp), *equal_time, *tail, f"{per_ray:.2f}"]
-
-
-def tables(csv: Path = CSV) -> dict[str, list[str]]:
-    """Return the lines of the block."""
-    head = ["scene", "samples", *(f"{error}, equal time" for error in MEASURES.values())]
-    head += ["worst seed over `balance`'s worst", "worst seed over median", "CPU per ray"]
-    rows = []
-    for scene, runs in read_runs(csv).items():
-        for spp in sorted({run.spp for run in runs}):
-            auto, balance = ([run for run in runs if (run.rule, run.spp) == (rule, spp)] for rule in RULES[::-1])
-            rows.append(row(scene, auto, balance))
-    return {"measurements.md: field": markdown(head, rows)}
 
 
 def main() -> None:
@@ -99,7 +73,7 @@ def main() -> None:
         reference = dmis.make_reference(scene, given.reference, **about)
         turns = [(rule, spp) for spp in given.spp for rule in RULES]
         measure(scene, turns, given.seeds, reference, record=writer(given.csv, name), parallel=1, **about)
-    print("\n".join(tables(given.csv)["measurements.md: field"]))
+    print("\n".join(markdown(HEAD, field_rows(given.csv))))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import TABLES, options, show
 from rows import read_runs, writer
-from show_points import ABSOLUTE, CSV, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL
+from show_points import ABSOLUTE, CSV, LEARNED, PINNED, PLAIN, PLAIN_SOBOL, SKY, SOBOL, UNLEARNED
 
 import dmis
 from dmis.experiment.runs import measure
@@ -41,7 +41,7 @@ Plan = tuple[Sequence[str], int, int]
 
 def plans_of(name: str, seeds: int, most: int) -> list[Plan]:
     """Return the plans of a scene."""
-    rules = [PINNED, SOBOL, *RULES, *ABSOLUTE.values(), *((PLAIN, PLAIN_SOBOL) if name in SKY else ())]
+    rules = [PINNED, SOBOL, *UNLEARNED, *LEARNED, *ABSOLUTE.values(), *((PLAIN, PLAIN_SOBOL) if name in SKY else ())]
     of_budgets = [(rules, spp, most + MORE_SEEDS.get(name, 0) if spp == 128 else seeds) for spp in BUDGETS]
     return [([SOBOL], BEYOND, seeds), *of_budgets]
 

@@ -1,6 +1,6 @@
 """
-Several techniques: a table of docs/measurements.md
-===================================================
+Several techniques: a table of docs/results.md
+==============================================
 
 Does a third technique pay? Light, BRDF and resampled light samples with shares that are learned, or given, against the
 balance heuristic and the second-moment rule, which mix the first two: at equal camera samples, and in equal time, where
@@ -50,7 +50,7 @@ def tables() -> dict[str, list[str]]:
             time = mse.mean() / base_mse.mean() * np.median(seconds) / np.median(base_seconds)
             cells.append(f"{bold(*ratio(mse, base_mse))} ({time:.2f})")
         rows.append([f"`{rule}`", *cells])
-    return {"measurements.md: simplex": markdown(["rule", *(name for name, _ in scenes)], rows)}
+    return {"results.md: simplex": markdown(["rule", *(name for name, _ in scenes)], rows)}
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Measure what weights can save, and how near rules come: docs/what-weights-save.md and docs/mis-bench.md.
+"""Measure what weights can save, and how near rules come: docs/results.md and docs/mis-bench.md.
 
 Scores of rules go to docs/tables/mis-bench.csv, bounds to weight-bounds.csv, renders that confirm bounds to
 weight-renders.csv; rows that are there are not measured again. `show_weights` makes the tables from these rows.
@@ -18,10 +18,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 import numpy as np
 from mis_bench import make_data
+from pieces import FOUR
 from rows import read_rows, write_rows
 from show_weights import (
     BOUND_FIELDS,
     BOUNDS_CSV,
+    FILES,
     KINDS,
     LITERATURE,
     MEASURES,
@@ -29,7 +31,6 @@ from show_weights import (
     RENDERS_CSV,
     SCORE_FIELDS,
     SCORES_CSV,
-    THESIS,
     TILTS_OF_PATCHES,
     draw_bounds,
 )
@@ -55,7 +56,7 @@ CONFIRMED = ("teapot-area-light", "killeroo-diffuse")
 
 def write_scores() -> None:
     """Score all rules at both sizes: a row for each seed of small images, for each group of blocks of large ones."""
-    for name in ("hua2025", "grittmann2019", "inverse_moments", "grittmann2022", "objectives"):
+    for name in (*FILES.values(), "objectives"):
         load_plugin(name)
     rows: list[Mapping[str, object]] = [*read_rows(SCORES_CSV)]
     present = {(row["rule"], row["scene"]) for row in rows}
@@ -125,7 +126,7 @@ def bound_rows(name: str, size: str) -> list[dict[str, object]]:
     """Return a row for each measure and bound of a scene at a size of `SIZES`."""
     width, height = (side // SIZES[size] for side in load(f"full-{name}")[0].camera.resolution)
     found = dict(zip(MEASURES, bounds_of(name, size), strict=True))
-    if name in THESIS and size == "full":
+    if name in FOUR and size == "full":
         found["absolute, equal samples"] = bounds_of(name, size, equal_samples=True)[0]
     return [
         dict(zip(BOUND_FIELDS, (name, size, width, height, kind, bound, f"{x:.5g}", f"{h:.5g}"), strict=True))

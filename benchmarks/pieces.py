@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+GALLERY = "examples/make_figures.py --publish docs --only"
+"""Command that draws pictures of the gallery, without their names."""
 FOUR = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt")
 """Scenes of the thesis."""
 
@@ -57,8 +59,7 @@ def picture(name: str, script: str, *renders: str) -> Piece:
 def figure(script: str, *renders: str) -> Piece:
     """Return the piece of a picture of the gallery, such as ``explained/plot_nets``."""
     stem = script.partition("/")[2]
-    command = f"examples/make_figures.py --publish docs --only {stem}"
-    return Piece(stem, command, "", renders, (f"figures/{stem}.webp",), f"examples/{script}.py")
+    return Piece(stem, f"{GALLERY} {stem}", "", renders, (f"figures/{stem}.webp",), f"examples/{script}.py")
 
 
 BALANCE = renders_of(FOUR, "balance")
@@ -82,7 +83,7 @@ SIMPLEX = (*BALANCE, "tt simplex", "teapot-area-light fixed")
 PIECES: tuple[Piece, ...] = (
     # Measurements.
     Piece("points", "benchmarks/make_points_table.py", "show_points", (*AUTO, *HELD_OUT)),
-    Piece("field", FIELD, "field", AUTO),
+    Piece("field", FIELD, "show_points", AUTO),
     Piece("paths", "benchmarks/make_path_table.py", "show_paths", PATHS),
     Piece("speed", "benchmarks/speed.py", "speed", BALANCE, ("tables/speed.csv", "tables/speed-targets.csv")),
     Piece("mitsuba-speed", "benchmarks/against_mitsuba.py --tables speed", "show_mitsuba", BALANCE),
@@ -100,7 +101,6 @@ PIECES: tuple[Piece, ...] = (
         BENCH,
         ("tables/mis-bench-renders.csv",),
     ),
-    Piece("literature", "benchmarks/make_literature_table.py", "make_literature_table", BENCH),
     Piece("parabola", "benchmarks/make_parabola_table.py", "make_parabola_table", THESIS),
     Piece("mitsuba-agreement", "benchmarks/agreement.py", "agreement", BALANCE),
     Piece("cluster", "benchmarks/measure_cluster.py", "measure_cluster"),

@@ -9,7 +9,7 @@
 What decides a piece of `pieces.PIECES` are small renders of its scenes and rules (`frozen`): a refactoring that changes
 them by rounding alone makes nothing old. Their fingerprints are in docs/tables/renders.csv; one that changes gets
 another row with the next serial number. docs/tables/published.csv has a row for each piece, with the serial number at
-the time, and docs/published.md shows it.
+the time, and the end of docs/results.md shows it.
 
 An old piece loses its rows in docs/tables and in published.csv before it is made, so that one without a row there was
 interrupted, or never made: its command continues with the rows that it finds. ``git checkout docs/tables`` brings back
@@ -35,14 +35,14 @@ sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples"), str(ROOT / "ex
 
 import frozen
 from common import machine, replace_table
-from pieces import PIECES, Piece
+from pieces import GALLERY, PIECES, Piece
 from rows import markdown, read_rows, write_rows
 
 import dmis
 
 DOCS = ROOT / "docs"
 PUBLISHED, RENDERS = DOCS / "tables" / "published.csv", DOCS / "tables" / "renders.csv"
-PAGE = DOCS / "published.md"
+PAGE = DOCS / "results.md"
 FIELDS = ("piece", "commit", "date", "minutes", "machine", "serial", "script", "files")
 """Columns of `PUBLISHED`; `serial` is that of the renders at the time, `script` and `files` are hashes."""
 NUMBERS = (
@@ -55,13 +55,13 @@ Rows = dict[str, dict[str, str]]
 
 
 def page_of(block: str) -> tuple[Path, str]:
-    """Return the page and the mark of a block such as ``"measurements.md: steps"``."""
+    """Return the page and the mark of a block such as ``"results.md: steps"``."""
     name, _, mark = block.partition(": ")
     return (ROOT if name == "README.md" else DOCS) / name, mark
 
 
 def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
-    """Write the blocks of the pieces into the pages, and `PAGE`; pieces without rows are left out."""
+    """Write the blocks of the pieces, and `commands`, into the pages; pieces without rows are left out."""
     for piece in pieces:
         missing = [name for name in piece.files if not (DOCS / name).exists()]
         if missing:
@@ -69,19 +69,21 @@ def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
         elif piece.module:
             for block, lines in import_module(piece.module).tables().items():
                 replace_table(*page_of(block), *lines)
-    commands = {piece.name: f"`{piece.command}`" for piece in PIECES}
-    cells = [
-        [name, commands.get(name, "–"), *(row[field] for field in FIELDS[1:5])] for name, row in published().items()
-    ]
-    lines = [
-        "# What was published when",
-        "",
-        "After this page you know by which command, at which commit and on which machine each table and picture was",
-        "made. `make publish` makes those that are older than the renders or the script that decide them.",
-        "",
-        *markdown(["piece", "command: python …", *FIELDS[1:5]], cells),
-    ]
-    PAGE.write_text("\n".join(lines) + "\n", "utf-8")
+    replace_table(PAGE, "published", *commands())
+
+
+def commands() -> list[str]:
+    """Return the table of commands, commits and minutes of `PUBLISHED`; pictures of the gallery share a row."""
+    rows, gallery = [], []
+    for name, row in published().items():
+        command = next((piece.command for piece in PIECES if piece.name == name), "–")
+        if command.startswith(GALLERY):
+            gallery.append(float(row["minutes"]))
+        else:
+            rows.append([name, f"`{command}`", row["commit"], row["minutes"]])
+    if gallery:
+        rows.append([f"{len(gallery)} figures", f"`{GALLERY} NAME`", "–", f"{sum(gallery):.1f}"])
+    return markdown(["piece", "command: python …", "commit", "minutes"], rows)
 
 
 def code_digest(script: str) -> str:

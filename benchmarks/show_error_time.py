@@ -152,8 +152,11 @@ def tables() -> dict[str, list[str]]:
         lines = direct(scene, "relmse")
         base = list(lines[BALANCE].values())
         labels = [line.label for line in LINES if line.label != BALANCE and lines[line.label]]
-        rows.append([scene, *(show_points.cell(*equal_time_ratio(lines[x][SPP], base, "relmse")) for x in labels)])
-    return {"error-time.md: equal-time": markdown(["scene", *labels], rows)}
+        ratios = [show_points.over(scene, rule, show_points.SOBOL, "relmse") for rule in show_points.UNLEARNED]
+        ratios += [equal_time_ratio(lines[label][SPP], base, "relmse") for label in labels]
+        rows.append([scene, *(show_points.cell(*ratio) for ratio in ratios)])
+    head = ["scene", *show_points.UNLEARNED.values(), *labels]
+    return {"results.md: equal-time": markdown(head, rows)}
 
 
 def main() -> None:

@@ -1,9 +1,11 @@
-"""Tables of README, docs/measurements.md and docs/tables.md from the rows of make_points_table.py."""
+"""Tables of README and docs/results.md from the rows of make_points_table.py, field.py and against_mitsuba.py."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from statistics import median
 
 import show_mitsuba
@@ -16,24 +18,20 @@ from dmis.experiment.convergence import MEASURES, Interval, Measure
 from dmis.experiment.runs import Run
 
 CSV = ROOT / "docs" / "tables" / "points.csv"
+FIELD = CSV.with_name("field.csv")
 PLAIN, PLAIN_SOBOL = "balance:sampler=independent,compensation=0", "balance:sampler=sobol,compensation=0"
 PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
 COUNTS, AUTO = "counts:sampler=sobol", "auto:sampler=sobol"
 ABSOLUTE = {rule: f"{rule},error=absolute" for rule in (COUNTS, AUTO)}
 """Rules whose MSE is measured in place of these rules'."""
-RULES = {
-    "pbrt:sampler=sobol": "power heuristic",
-    "fixed:1,sampler=sobol": "light samples alone",
-    COUNTS: "`counts`",
-    AUTO: "`auto`",
-}
-"""Rules of the full table over `balance` with Sobol points, and what it calls them."""
+UNLEARNED = {"pbrt:sampler=sobol": "power heuristic", "fixed:1,sampler=sobol": "light samples alone"}
+LEARNED = {COUNTS: "`counts`", AUTO: "`auto`"}
+"""Rules that are compared with `balance` with Sobol points, and what tables call them."""
 STEPS = {
     "Sobol / independent points": (PLAIN_SOBOL, PLAIN),
     "sky compensation": (SOBOL, PLAIN_SOBOL),
     "numbers of samples": (COUNTS, SOBOL),
     "learned shares": (AUTO, COUNTS),
-    "all four": (AUTO, PLAIN),
 }
 """Steps from the thesis's baseline to `auto`: a rule, and the rule that it is compared with."""
 SKY = ("tt",)
@@ -41,6 +39,10 @@ SKY = ("tt",)
 HELD_OUT = ("veach-mis", "ten-lights")
 SPP = 128
 """Budget of the steps and of README."""
+HEAD = ("scene", "relMSE over `balance`", "MSE over `balance`", "worst seed over `balance`'s worst")
+"""Columns of `field_rows`."""
+BESIDE = ("relMSE over independent points", "relMSE over Mitsuba's best", "MSE over Mitsuba's best")
+"""Columns that the table of results has beside these, in front of the last one."""
 
 
 @cache
@@ -100,25 +102,45 @@ def budgets() -> list[int]:
 def losses() -> list[str]:
     """Return the table of the rules that learn where an interval at some budget lies above 1."""
     rows = []
-    for rule in (AUTO, COUNTS):
+    for rule in reversed(LEARNED):
         for measure, error in MEASURES.items():
             for scene in measured():
                 ratios = [over(scene, rule, SOBOL, measure, spp) for spp in budgets()]
                 if any(ratio.low > 1 for ratio in ratios):
-                    rows.append([f"{RULES[rule]}, {scene.split()[0]}, {error}", *(cell(*ratio) for ratio in ratios)])
+                    rows.append([f"{LEARNED[rule]}, {scene.split()[0]}, {error}", *(cell(*ratio) for ratio in ratios)])
     return markdown(["rule, scene, error", *(f"{spp} samples" for spp in budgets())], rows)
 
 
-def all_budgets() -> list[str]:
-    """Return the table of all rules by scene and budget: first Sobol over independent points."""
+def worst(of_auto: Sequence[Run], of_balance: Sequence[Run]) -> str:
+    """Return the largest relMSE of `auto` over that of `balance`."""
+    return f"{max(run.relmse for run in of_auto) / max(run.relmse for run in of_balance):.2f}"
+
+
+def field_rows(csv: Path) -> list[list[str]]:
+    """Return the rows of scene files: `HEAD` of renders that minimise relMSE."""
     rows = []
-    for scene in measured():
-        lines = {"Sobol / independent points": (SOBOL, PINNED)} | {name: (rule, SOBOL) for rule, name in RULES.items()}
-        for name, pair in lines.items():
-            cells = [cell(*over(scene, *pair, measure, spp)) for spp in budgets() for measure in MEASURES]
-            rows.append([title(scene), name, *cells])
-    titles = [f"{spp} spp, {error}" for spp in budgets() for error in MEASURES.values()]
-    return markdown(["scene", "rule", *titles], rows)
+    for scene, runs in read_runs(csv).items():
+        for spp in sorted({run.spp for run in runs}):
+            auto = [run for run in runs if (run.rule, run.spp) == ("auto", spp)]
+            balance = [run for run in runs if (run.rule, run.spp) == ("balance", spp)]
+            cells = [cell(*equal_time_ratio(auto, [balance], measure)) for measure in MEASURES]
+            rows.append([f"{scene}, {spp} samples", *cells, worst(auto, balance)])
+    return rows
+
+
+def results() -> list[str]:
+    """Return the table of `auto` over the balance heuristic and over Mitsuba's best set-up, on all scenes."""
+    mitsuba = read_rows(show_mitsuba.ERRORS)
+    rows = []
+    for scene, runs in measured().items():
+        cells = [cell(*over(scene, AUTO, SOBOL, measure)) for measure in MEASURES]
+        cells.append(cell(*over(scene, AUTO, PLAIN, "relmse")))
+        for measure in MEASURES:
+            best = show_mitsuba.best(mitsuba, scene.split()[0], "auto", measure)
+            cells.append("–" if best is None else show_mitsuba.cell(best))
+        rows.append([title(scene), *cells, worst(runs[AUTO, SPP], runs[SOBOL, SPP])])
+    rows += [[*row[:-1], *("–" for _ in BESIDE), row[-1]] for row in field_rows(FIELD)]
+    return markdown([*HEAD[:-1], *BESIDE, HEAD[-1]], rows)
 
 
 def front() -> list[str]:
@@ -137,9 +159,9 @@ def tables() -> dict[str, list[str]]:
     """Return the lines of the blocks."""
     return {
         "README.md: equal time": front(),
-        "measurements.md: steps": [*steps("relmse"), "", *steps("mse")],
-        "measurements.md: losses": losses(),
-        "tables.md: points": all_budgets(),
+        "results.md: results": results(),
+        "results.md: losses": losses(),
+        "results.md: steps": [*steps("relmse"), "", *steps("mse")],
     }
 
 
@@ -156,7 +178,7 @@ def percent(ratio: float) -> str:
 
 def sentences() -> dict[str, list[str]]:
     """Return fragments of prose with numbers, by page."""
-    alone = [step for step in STEPS if step not in ("sky compensation", "all four")]
+    alone = [step for step in STEPS if step != "sky compensation"]
     points, numbers, shares = (percent(mean_of(step, "relmse")) for step in alone)
     won = {m: [over(scene, AUTO, SOBOL, m) for scene in measured()] for m in MEASURES}
     saved = {m: sorted(100 * (1 - ratio.value) for ratio in ratios if ratio.high < 1) for m, ratios in won.items()}
@@ -175,7 +197,7 @@ def sentences() -> dict[str, list[str]]:
             f"learned numbers of light and BRDF samples to {shares}",
             f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE of this baseline",
         ],
-        "measurements.md": [
+        "results.md": [
             f"{overhead[0]:.0f} to {overhead[-1]:.0f} % of the time of `auto` at {budgets()[0]} samples",
             f"On KILLEROO GOLD `auto` has {of_gold.text()} times the relMSE",
             f"The worst seed has {max(errors) / median(errors):.2f} times the median error",

@@ -1,4 +1,4 @@
-"""Tables of docs/mis-bench.md and docs/what-weights-save.md, and the figure of bounds, from docs/tables alone."""
+"""Tables of docs/mis-bench.md and of bounds in docs/results.md, and the figure of bounds, from docs/tables alone."""
 
 from __future__ import annotations
 
@@ -32,6 +32,8 @@ LITERATURE = {
     **{name: name for name in ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")},
 }
 """Rules of examples/literature, by their names in tables."""
+FILES = {rule: rule.replace("-", "_") for rule in list(LITERATURE.values())[:4]}
+"""Files of examples/literature by rule; rules that are not here are in objectives.py."""
 TILTS_OF_PATCHES = "best tilts"
 """Name of the best tilt of each patch among the scores."""
 KINDS = (
@@ -46,12 +48,9 @@ KINDS = (
     "counts, shares and tilts",
 )
 """The part of the variance at w = 1/2 that comes from where camera samples meet the scene; `weight_bounds.BOUNDS`."""
-THESIS = {"teapot-area-light": 0.802, "killeroo-diffuse": 0.935, "killeroo-gold": 1.119, "tt": 1.286}
-"""The thesis's MSE over that of the balance heuristic at equal samples, its Table 4.1."""
-PILOT = 128 / 122
-"""Of 128 samples 6 are the pilot's, which is not part of the image."""
+AUTO = "shares of auto"
 TILTS = ("thesis", "Hua et al. 2025", "Grittmann et al. 2019")
-SHARES = ("light only", "second-moment", "shares of auto")
+SHARES = ("light only", "second-moment", AUTO)
 """Rules whose distance to the best tilts, and to the best shares, the page shows."""
 SHOWN = {"thesis": "s", "Hua et al. 2025": "D", "second-moment": "^", "shares of auto": "v"}
 """Rules of the figure, and their marks."""
@@ -82,15 +81,20 @@ def rules(large: Scores) -> list[str]:
     return [name for name in large if name != TILTS_OF_PATCHES]
 
 
-def leading_rows(large: Scores, small: Scores) -> Rows:
-    """Return the rows of the table of MIS-Bench: two numbers per rule and size, geometric means of the scenes."""
-    return [
-        [
-            name,
-            *(cell(*interval(of[name].over_scenes()[:, m], of[name].blocks)) for of in (large, small) for m in (0, 1)),
-        ]
-        for name in rules(large)
-    ]
+def means(name: str) -> list[str]:
+    """Return geometric means of the scenes: absolute and relative error of a rule at full size, and in small images."""
+    of = [scores(full)[name] for full in (True, False)]
+    return [cell(*interval(score.over_scenes()[:, measure], score.blocks)) for score in of for measure in (0, 1)]
+
+
+def literature_rows() -> Rows:
+    """Return the rows of the rules of examples/literature, with links to their files."""
+    rows = []
+    for name, rule in LITERATURE.items():
+        learns = "weights" if name in list(LITERATURE)[:3] else "shares"
+        link = f"[{name.removesuffix(' (shares)')}](../examples/literature/{FILES.get(rule, 'objectives')}.py)"
+        rows.append([link, f"`{rule}`", learns, *means(name)])
+    return rows
 
 
 def reached_rows(large: Scores) -> Rows:
@@ -131,17 +135,6 @@ def order(first: Score, second: Score, scene: str) -> int:
     return int(np.sign(mean)) if abs(mean) > max(half, 1e-3) else 0
 
 
-def thesis_rows(large: Scores) -> Rows:
-    """Return for the thesis's scenes its ratio of errors at equal samples, that of its rule here, and the least."""
-    rows = []
-    for name, ratio in THESIS.items():
-        least = bounds(name, "full", "absolute, equal samples")
-        columns = [least[:, KINDS.index(f"{kind} per patch")] for kind in ("tilt", "share")]
-        pairs = [interval(large["thesis"].values[name][:, 0], True), *((value, half) for value, half in columns)]
-        rows.append([name, f"{ratio:.3f}", *(cell(PILOT * value, PILOT * half) for value, half in pairs)])
-    return rows
-
-
 # Bounds -------------------------------------------------------------------------------------------------------------
 
 
@@ -176,18 +169,12 @@ def bound_rows() -> Rows:
 SIZES = ("full", "quarter")
 
 
-def render_rows() -> Rows:
-    """Return the bounds of one weight for the image beside renders with it."""
-    return [
-        [
-            row["scene"],
-            row["bound"],
-            f"{float(row['w']):.2f}",
-            cell(*bounds(row["scene"], "full", "absolute")[:, KINDS.index(row["bound"])]),
-            cell(float(row["value"]), float(row["half"])),
-        ]
+def renders_differ() -> float:
+    """Return the largest difference between a bound of one weight for the image and renders with this weight."""
+    return max(
+        abs(float(row["value"]) - bounds(row["scene"], "full", "absolute")[0, KINDS.index(row["bound"])])
         for row in read_rows(RENDERS_CSV)
-    ]
+    )
 
 
 # Predicted and measured errors ---------------------------------------------------------------------------------------
@@ -241,20 +228,14 @@ def cell(value: float, half: float) -> str:
 
 def tables() -> dict[str, list[str]]:
     """Return the lines of the blocks."""
-    large, small = scores(True), scores(False)
-    page = "what-weights-save.md"
+    sizes = ["full size, absolute", "relative", "100x75, absolute", "relative"]
+    other = [[name, *means(name)] for name in rules(scores(True)) if name not in LITERATURE]
     return {
         "mis-bench.md: validated": markdown(["scene", *MEASURES, "random shares"], validated_rows()),
-        "mis-bench.md: mis-bench": markdown(
-            ["rule", "full size, absolute", "relative", "100x75, absolute", "relative"], leading_rows(large, small)
-        ),
-        f"{page}: bounds": markdown(["scene", "pixels", *KINDS[:-1]], bound_rows()),
-        f"{page}: reached": markdown(["scene", *TILTS, *SHARES], reached_rows(large)),
-        f"{page}: thesis": markdown(
-            ["scene", "the thesis", "`thesis` here", "best tilts", "best shares"], thesis_rows(large)
-        ),
-        f"{page}: order": markdown(["scene", "sure at both sizes", "in another order"], order_rows(large, small)),
-        f"{page}: renders": markdown(["scene", "what", "w", "bound", "renders"], render_rows()),
+        "mis-bench.md: mis-bench": markdown(["rule", *sizes], other),
+        "results.md: bounds": markdown(["scene", "pixels", *KINDS[:-1]], bound_rows()),
+        "results.md: reached": markdown(["scene", *TILTS, *SHARES], reached_rows(scores(True))),
+        "results.md: literature": markdown(["rule", "name", "learns", *sizes], literature_rows()),
     }
 
 
@@ -277,9 +258,11 @@ def sentences() -> dict[str, list[str]]:
     shares = sorted(1 - of("share per patch", name) for name in sizes())
     edges = [f"{of('camera samples', name, values):.2f}" for name in (pot, diffuse) for values in (quarter, full)]
     best = [saved(of("share per patch", name, values)) for name in (pot, diffuse) for values in (full, quarter)]
+    reference = [means(name)[0].partition("±")[0] for name in ("thesis", "second-moment", "oracle")]
     pairs, differ = np.sum([[int(n) for n in row[1:]] for row in order_rows(scores(True), scores(False))], axis=0)
-    means = reached_rows(scores(True))[-1][1 : 1 + len(TILTS)]
-    over = sorted(round(100 * float(text.partition("±")[0])) - 100 for text in means)
+    reached = reached_rows(scores(True))[-1][1 : 1 + len(TILTS)]
+    over = sorted(round(100 * float(text.partition("±")[0])) - 100 for text in reached)
+    harm = max(100 * of_scene[:, COLUMNS.index("harm")].mean() for of_scene in scores(True)[AUTO].values.values())
     gold, tt = (1 - of("tilt per patch", name) for name in ("killeroo-gold", "tt"))
     mean = [saved(of("tilt per patch", values=values)) for values in (full, quarter)]
     apart, agreeing = ordered_pairs(validated(), (*REQUIRED, *OTHERS))
@@ -292,16 +275,19 @@ def sentences() -> dict[str, list[str]]:
             "weights save {} at full size and {} at a quarter of the width".format(*mean),
         ],
         "mis-bench.md": [f"of {apart[0]} pairs of rules (absolute) and of {apart[1]} pairs (relative)", right],
-        "what-weights-save.md": [
+        "results.md": [
             "save {} on killeroo-diffuse, {} on veach-mis, {} on the teapot, {} on tt".format(*tilts),
             f"save {100 * shares[0]:.0f} to {100 * shares[-1]:.0f} %, "
             f"in geometric mean {saved(of('share per patch'))}.",
             f"One share for the image saves {saved(of('one share'))} in geometric mean.",
             f"**Numbers of camera samples** save {saved(of('counts'))} in geometric mean.",
+            f"At full size the shares of `auto` raise variance × cost by more than 2 % in at most {harm:.0f} %",
+            f"agree with the bounds within {renders_differ():.2f}",
             "from {} to {} of the variance on the teapot and from {} to {} on killeroo-diffuse".format(*edges),
             "{} instead of {} on the teapot, and {} instead of {} on killeroo-diffuse.".format(*best),
             f"Rules with tilts are {over[0]} to {over[-1]} % above their bound in geometric mean.",
-            f"Of {pairs} pairs {differ} ({differ / pairs:.0%}) change places.".replace("%)", " %)"),
+            f"Of {pairs} pairs {differ} ({100 * differ / pairs:.0f} %) change places",
+            "{} for `thesis`, {} for `second-moment` and {} for the best shares".format(*reference),
         ],
     }
 

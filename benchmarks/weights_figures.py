@@ -1,4 +1,4 @@
-"""Figure of docs/what-weights-save.md: why bounds depend on the resolution."""
+"""Figure of docs/results.md: why bounds depend on the resolution."""
 
 from __future__ import annotations
 

@@ -137,8 +137,8 @@ def count_words(page: Path) -> int:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name != "references.md"], ids=lambda page: page.name)
 def test_page_is_short(page):
-    """At most 1,200 words of prose, more of the thesis; the list of references is looked up, not read."""
-    assert count_words(page) <= {"thesis.md": 1600}.get(page.name, 1200)
+    """At most 1,200 words of prose, more of results and thesis; the list of references is looked up, not read."""
+    assert count_words(page) <= {"thesis.md": 1600, "results.md": 2400}.get(page.name, 1200)
 
 
 def test_syllabus_links_to_every_exercise():

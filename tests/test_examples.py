@@ -270,7 +270,7 @@ MEASUREMENTS = [
         "make_points_table",
         "show_points",
         ("--seeds", "2", "--most", "2", "--scenes", "tt"),
-        {"| tt ": 8, "| geometric mean |": 2, "| `auto` |": 1},
+        {"| tt ": 4, "| geometric mean |": 2},
     ),
     ("make_error_time", "show_error_time", ("--seeds", "2", "--scenes", "tt"), {"| tt ": 1}),
     ("make_parabola_table", "", ("--seeds", "1"), {"| 4 | ": 4, "nan": 0}),

@@ -13,7 +13,7 @@ import frozen
 import numpy as np
 import publish
 import pytest
-from pieces import PIECES, Piece
+from pieces import GALLERY, PIECES, Piece
 
 from dmis.fit.registry import make_rule
 
@@ -43,6 +43,7 @@ BY_HAND = {
 ELSEWHERE = {
     "code.md: lines": "tests/test_count_lines.py",
     "thesis.md: sun": "tests/test_examples.py; the page has the command",
+    "results.md: published": "publish.py, below",
 }
 """Blocks that another test compares with what makes them."""
 MODULES = [import_module(name) for name in dict.fromkeys(piece.module for piece in PIECES) if name]
@@ -82,7 +83,16 @@ def test_every_measured_table_is_in_a_block() -> None:
         tables = re.findall(r"(?:^\|.*\n)+", text, re.M)
         if any(len(re.findall(r"\b\d*\.\d", table)) >= 6 for table in tables) or "<!-- table:" in text:
             found.add(page.name)
-    assert sorted(found - set(BY_HAND) - {"published.md"}) == []
+    assert sorted(found - set(BY_HAND)) == []
+
+
+def test_every_piece_is_in_the_table_of_commands() -> None:
+    """Pictures of the gallery share a row."""
+    lines = publish.commands()
+    assert blocks()["results.md: published"] == lines
+    others = [piece for piece in PIECES if not piece.command.startswith(GALLERY) and piece.name in publish.published()]
+    assert [line.split(" | ")[:2] for line in lines[2:-1]] == [[f"| {p.name}", f"`{p.command}`"] for p in others]
+    assert f"| {len(publish.published()) - len(others)} figures |" in lines[-1]
 
 
 def test_pieces_have_names_scripts_files_and_renders() -> None:

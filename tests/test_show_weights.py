@@ -1,4 +1,4 @@
-"""Rows of the tables of docs/what-weights-save.md, from planted scores and patches."""
+"""Rows of the tables of bounds and scores, from planted scores and patches."""
 
 import measure_weights
 import numpy as np
