@@ -110,7 +110,6 @@ CONTENTS = {
     "Measured": [
         "results",
         "mis-bench",
-        "bench-files",
         "reproduction",
         "performance",
         "stability",

@@ -1,4 +1,4 @@
-"""Files of MIS-Bench (docs/bench-files.md): pilots of a scene and seed, and converged curves of a scene.
+"""Files of MIS-Bench (docs/mis-bench.md): pilots of a scene and seed, and converged curves of a scene.
 
 Each is an ``.npz`` of plain arrays and a JSON text, ``header``, with a checksum; benchmarks/mis_bench.py makes them.
 """
@@ -128,7 +128,7 @@ def path_of(scene: str, seed: int | None = None) -> Path:
     if scene not in (*SCENES, *FULL, *PACKAGED):
         raise ValueError(
             f"scene must be one of {', '.join((*SCENES, *FULL, *PACKAGED))}, or the path of a file NAME.npz "
-            f"(docs/bench-files.md); got {scene!r}"
+            f"(docs/mis-bench.md); got {scene!r}"
         )
     folder = Path(__file__).parent if scene in PACKAGED else cache_folder() / f"mis-bench-{VERSION}"
     return folder / f"{scene}{ending}.npz"
@@ -202,7 +202,7 @@ def _content(path: Path) -> Iterator[tuple[Any, dict[str, np.ndarray]]]:
         yield about, arrays
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         reason = str(error) if isinstance(error, ValueError) else f"its header lacks something ({error!r})"
-        raise ValueError(f"{path}: {reason}; docs/bench-files.md lists what a file must hold") from error
+        raise ValueError(f"{path}: {reason}; docs/mis-bench.md lists what a file must hold") from error
 
 
 def _checked(

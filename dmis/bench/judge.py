@@ -78,7 +78,7 @@ def score(rule: AnyRule, scenes: Iterable[str | os.PathLike[str]] = SCENES, seed
         the other, and only shares count.
     scenes
         Names of `dmis.bench.data.SCENES`, of `dmis.bench.data.PACKAGED`, such as ``small``, or of
-        `dmis.bench.data.FULL`; or paths of data files of one's own, see docs/bench-files.md. All are blocks of larger
+        `dmis.bench.data.FULL`; or paths of data files of one's own, see docs/mis-bench.md. All are blocks of larger
         images, or none.
     seeds
         Seeds of the pilots. Of other scenes than `dmis.bench.data.SCENES`, those without a file are left out.

@@ -1,7 +1,6 @@
 """MIS-Bench: tables agree with renders, films made of them with the films of pilots, scores with planted curves."""
 
 import json
-import re
 import sys
 import zipfile
 from collections.abc import Callable, Generator, Mapping
@@ -253,8 +252,7 @@ def test_small_scene_is_what_the_command_makes() -> None:
 
 
 BLOCKED = "import sys; sys.modules.update(dict.fromkeys(('embreex', 'trimesh', 'OpenEXR')))\n"
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "bench-files.md"
-WRITER, SCORES = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)
+WRITER = (Path(__file__).resolve().parents[2] / "examples" / "exporters" / "bench_data.py").read_text("utf-8")
 
 
 def test_scores_without_embree_trimesh_and_openexr(tmp_path: Path) -> None:
@@ -264,7 +262,10 @@ def test_scores_without_embree_trimesh_and_openexr(tmp_path: Path) -> None:
     assert RULE.count("\n") <= 20
     code = f"""{BLOCKED}
 import os; os.chdir({str(tmp_path)!r})
-{WRITER}{SCORES}{RULE}
+{WRITER}{RULE}
+import dmis
+for name in ("thesis", "second-moment:filter=gaussian"):
+    print(dmis.score(name, ["toy.npz"]).over_scenes()[0, :2])
 print(*dmis.score("thesis", {PACKAGED}).values)
 print(float(dmis.score(rule, ['small']).over_scenes()[0, 1]))
 try:
@@ -278,7 +279,7 @@ except ValueError as error:
     assert "pip install embreex" in error and error.endswith("dmis.score needs no rays")
 
 
-def test_the_writer_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_writer_of_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its pilots have the mean and, per shading sample, the variance of its converged curves; scores take the path."""
     monkeypatch.chdir(tmp_path)
     names: dict = {}
