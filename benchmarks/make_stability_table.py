@@ -68,26 +68,29 @@ def stiff_map(rows: list[dict[str, str]]) -> list[str]:
     return markdown(["axis", "pass, to at least 3 digits", "degraded: digits that are left", "lost"], lines)
 
 
+def rows_of(table: str) -> list[dict[str, str]]:
+    """Return the rows of a table of `FIELDS`."""
+    return [row for row in read_rows(CSV) if row["table"] == table]
+
+
 def tables() -> dict[str, list[str]]:
     """Return the lines of the blocks."""
-    rows: dict[str, list[dict[str, str]]] = {"map": [], "ground": [], "scenes": []}
-    for row in read_rows(CSV):
-        rows[row["table"]].append(row)
-    ground = [
-        [f"±10{'⁰¹²³⁴⁵⁶⁷'[int(row['name'])]}", f"{float(row['error']):+.4f}", f"{float(row['rms']):.4f}"]
-        for row in rows["ground"]
-    ]
     scenes = [
         [row["name"], f"{float(row['error']):+.1e}", f"{float(row['rms']):.1e}", f"{float(row['largest']):.1e}"]
-        for row in rows["scenes"]
+        for row in rows_of("scenes")
     ]
     return {
-        "stability.md: map": stiff_map(rows["map"]),
-        "stability.md: ground": markdown(["ground", "radiance over the truth, less 1", "standard error"], ground),
+        "stability.md: map": stiff_map(rows_of("map")),
         "stability.md: scenes": markdown(
             ["scene", "mean of the image", "relative RMS over pixels", "largest, of the brightest pixel"], scenes
         ),
     }
+
+
+def sentences() -> dict[str, list[str]]:
+    """Return fragments of prose with numbers."""
+    worst = max(rows_of("ground"), key=lambda row: abs(float(row["error"])))
+    return {"stability.md": [f"within {abs(float(worst['error'])):.4f} ± {float(worst['rms']):.4f}"]}
 
 
 def main() -> None:
