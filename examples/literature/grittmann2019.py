@@ -11,6 +11,8 @@ What differs: local means are those of patches of 4x4 pixels, and filters Gaussi
 factors from below by 1 in bidirectional methods, which a ratio ``m2 / v`` meets by itself; here it is at most 100,
 because a patch may have no variance at all. The paper is meant for bidirectional methods with stratified light paths;
 direct light is one of its tests.
+
+What it saves: docs/results.md, *Rules of the literature*.
 """
 
 from dataclasses import replace

@@ -9,6 +9,8 @@ What differs: candidates are shares of light samples from .03 to .97, in place o
 costs are counted from the pilot's rays; moments are sums over patches of 4x4 pixels and filtered with a Gaussian. The
 squared mean is left out, as the authors' default does: `second-moment` minimises the variance. The paper is meant for
 vertex connection and merging.
+
+What it saves: docs/results.md, *Rules of the literature*.
 """
 
 from functools import partial

@@ -8,6 +8,8 @@ linear system and subtract control variates; that is the combiner `optimal`, and
 
 What differs: the number of training samples is chosen here, and f is the mean of the channels in place of the largest.
 Meant for path tracing.
+
+What it saves: docs/results.md, *Rules of the literature*.
 """
 
 from dataclasses import replace

@@ -4,6 +4,8 @@ With ``X = f / q``, ``d = (p_l - p_b) / (p_l + p_b)`` and ``m(w) = p_w / q = 1 +
 `dmis.variance.curves`. The pilot gathers the mean, or the variance, of a function of X and d; from its means over
 patches each rule solves for the shares. All are approximations of the variance, which the rule ``second-moment``
 estimates itself, or stand-ins for it; none has a guard.
+
+What they save: docs/results.md, *Rules of the literature*.
 """
 
 from dataclasses import dataclass

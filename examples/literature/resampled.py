@@ -12,6 +12,8 @@ so sharp that no candidate falls into them, where mean(v) is a rare spike.
 The density of x_k has no closed form. MIS weights need none: they must add up to 1 in each direction, whatever they
 are, so that of light sampling stands in for it, and the factor ``mean(v) / v_k`` multiplies the radiance. That rules
 out whatever takes the stand-in for the density: curves of V(w) from one pilot, and the optimal combiners.
+
+What it saves: docs/results.md, *Several techniques*.
 """
 
 from dataclasses import dataclass

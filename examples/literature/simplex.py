@@ -20,6 +20,8 @@ it. Where the density is not known, ``E_k[Y_k]`` is the mean over the samples of
 
 If all densities are known M2 is ``integral of f^2 / p_w``, convex in w, with one minimum. V, and M2 with an
 approximate density, need not be, so the rule takes the least value on a grid.
+
+What it saves: docs/results.md, *Several techniques*.
 """
 
 import itertools
