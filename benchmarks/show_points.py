@@ -198,6 +198,8 @@ def sentences() -> dict[str, list[str]]:
             f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE of this baseline",
         ],
         "results.md": [
+            "lowers the relMSE of `balance` by {:.0f} to {:.0f} %".format(saved["relmse"][0], saved["relmse"][-1]),
+            "the MSE by {:.0f} to {:.0f} %".format(saved["mse"][0], saved["mse"][-1]),
             f"{overhead[0]:.0f} to {overhead[-1]:.0f} % of the time of `auto` at {budgets()[0]} samples",
             f"On KILLEROO GOLD `auto` has {of_gold.text()} times the relMSE",
             f"The worst seed has {max(errors) / median(errors):.2f} times the median error",
