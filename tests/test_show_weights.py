@@ -1,5 +1,7 @@
 """Rows of the tables of bounds and scores, from planted scores and patches."""
 
+from pathlib import Path
+
 import measure_weights
 import numpy as np
 import pytest
@@ -84,3 +86,10 @@ def test_pairs_in_the_predicted_order(monkeypatch: pytest.MonkeyPatch, tmp_path,
     pairs, agreeing = show_weights.ordered_pairs(["tt"], ["balance", "thesis", "random"])
     assert pairs.tolist() == [2, 3] and agreeing.tolist() == [2, 2]
     assert show_weights.validated_rows() == [["tt", "1.00", "0.67–1.00", "1.98, 0.80"]]
+
+
+def test_rules_of_papers_link_to_the_files_that_register_them() -> None:
+    folder = Path(measure_weights.__file__).parents[1] / "docs"
+    for link, rule, *_ in show_weights.literature_rows():
+        path = folder / link.partition("](")[2].rstrip(")")
+        assert f'register_rule("{rule.strip("`")}"' in path.read_text("utf-8"), rule
