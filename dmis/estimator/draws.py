@@ -142,8 +142,8 @@ def shading_samples(batch: Batch, draw: Draw) -> Iterator[Samples]:
             vertex = compose(draw.index, points)
             surface = vertices.surface.take(vertex)
             shares_of_points, tilt_of_points = take(shares, points), take_optional(tilt, points)
-            seen = draw.light.seen_from(surface.ng)
-            light_sample = technique.sample(surface, seen, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
+            light = draw.light.seen_from(surface.ng) if draw.light.needs_normals else draw.light
+            light_sample = technique.sample(surface, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
             yield Samples(k, sample_index, draw.key, vertex, surface, light_sample, shares_of_points, tilt_of_points)
 
 

@@ -110,7 +110,16 @@ class Light:
 
 
 class SampledLight(Light):
-    """A light that takes part in MIS: directions towards it are sampled, and given directions may meet it."""
+    """A light that takes part in MIS: directions towards it are sampled, and given directions may meet it.
+
+    Attributes
+    ----------
+    needs_normals
+        Whether its density depends on the normals of the receiving points. Then it has a method ``seen_from(ng)``,
+        which returns the light for points of unit normals `ng` ``(3, N)``.
+    """
+
+    needs_normals: ClassVar[bool] = False
 
     def hit(self, p: Array, wi: Array) -> LightSample:
         """Return the light samples of given unit directions `wi` ``(3, N)`` from the points `p` ``(3, N)``.
@@ -118,10 +127,6 @@ class SampledLight(Light):
         `LightSample.pdf` is the density of `sample` at wi, per solid angle.
         """
         raise NotImplementedError
-
-    def seen_from(self, ng: Array) -> SampledLight:
-        """Return the light for surface points of unit normals `ng` ``(3, N)``, which its density may depend on."""
-        return self
 
 
 class InfiniteLight(SampledLight):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -98,9 +98,10 @@ class SelectedLights(SampledLight):
     pieces: Pieces
     selection: Selection
     ng: Array | None = None
+    needs_normals: ClassVar[bool] = True
 
     def seen_from(self, ng: Array) -> SelectedLights:
-        """See `SampledLight.seen_from`."""
+        """Return the light for points of unit normals `ng` ``(3, N)``."""
         return replace(self, ng=ng)
 
     def sample(self, p: Array, u: Array) -> LightSample:
