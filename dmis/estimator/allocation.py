@@ -169,15 +169,6 @@ class CameraSamples:
     subsets: LightSubsets | None = None
     order: np.ndarray | None = None
 
-    def of_every_camera_sample(self, technique: int) -> int | None:
-        """See `dmis.samplers.streams.Places`."""
-        count = self.counts[technique]
-        return count if isinstance(count, int) else None
-
-    def before(self, technique: int) -> Array | None:
-        """See `dmis.samplers.streams.Places`."""
-        return None if self.samples_before is None else self.samples_before[technique]
-
     def restore_order(self, values: Array, records: Sequence[Record] | None) -> tuple[Array, Sequence[Record]]:
         """Return `values` ``(3, N)`` of the camera samples, and `records` of them, in the order of the blocks."""
         records = records or []

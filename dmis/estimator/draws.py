@@ -125,14 +125,16 @@ def shading_samples(batch: Batch, draw: Draw) -> Iterator[Samples]:
     for k, technique in enumerate(batch.techniques):
         if tilt is not None and not tilt[k].any():  # W_k = 0
             continue
-        count = samples.counts[k]
-        if not isinstance(count, int):
-            count = take(count, camera_sample)
+        counts = samples.counts[k]
+        before = None if samples.samples_before is None else samples.samples_before[k]
+        count = counts if isinstance(counts, int) else take(counts, camera_sample)
         # vertices that camera rays meet are in the order of the camera samples, whose counts of the first fall
         ordered = not vertices.path and (k == 0 or len(batch.techniques) == 2)
         for merged in merged_samples(batch, count, n, ordered):
             u = [
-                batch.numbers.direction(draw.key, k, i, compose(camera_sample, points), samples, technique.numbers)
+                batch.numbers.direction(
+                    (*draw.key, k), i, compose(camera_sample, points), counts, before, technique.numbers
+                )
                 for i, points in merged
             ]
             sample_index, points = merged[0]

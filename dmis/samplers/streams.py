@@ -103,21 +103,6 @@ class Independent:
         return self._rng.random((2, size(index, self._size)), dtype=np.float32)
 
 
-class Places(Protocol):
-    """How many samples a technique has in each camera sample, and before it."""
-
-    def of_every_camera_sample(self, technique: int) -> int | None:
-        """Return how many samples of the technique each camera sample has; None if they differ."""
-        ...
-
-    def before(self, technique: int) -> Array | None:
-        """Return how many samples of the technique the pixel has before each camera sample, ``(N,)``; None: no count.
-
-        They are not counted where each camera sample has the same number, or where no sampler asks for them.
-        """
-        ...
-
-
 class Numbers:
     """Which uniform numbers the camera samples of a tile draw: one method for each decision that numbers make.
 
@@ -163,7 +148,13 @@ class Numbers:
         return self._draw((PICK, *key), sample)[0]
 
     def direction(
-        self, key: tuple[int, ...], technique: int, i: int, sample: Selection | None, places: Places, numbers: int = 2
+        self,
+        key: tuple[int, ...],
+        i: int,
+        sample: Selection | None,
+        count: Array | int,
+        before: Array | None,
+        numbers: int = 2,
     ) -> Array:
         """Return the numbers of one shading sample of each of N camera samples, ``(numbers, N)``.
 
@@ -173,24 +164,24 @@ class Numbers:
         Parameters
         ----------
         key
-            Tells the light and the path from others.
-        technique, i
-            Number of the technique, and which of the camera sample's samples of this technique it is.
+            Tells the technique, the light and the path from others.
+        i, count
+            Which of the camera sample's samples of the technique it is, and how many there are; no int: they differ.
         sample
             Selection of camera samples; None: all.
+        before
+            How many samples of the technique the pixel has before each camera sample; None: they are not counted.
         """
         if numbers > 2:
-            pairs = [self.direction(of_pair, technique, i, sample, places) for of_pair in (key, (*key, MORE))]
-            return np.concatenate(pairs)[:numbers]
-        dimension = (*key, technique)
-        before = places.before(technique)
+            *path, technique = key
+            keys = key, (*path, MORE, technique)
+            return np.concatenate([self.direction(pair, i, sample, count, before) for pair in keys])[:numbers]
         if before is not None:
-            return self._draw(dimension, sample, take(before, sample) + i)
-        count = places.of_every_camera_sample(technique)
-        if count is not None and self._blocks is not None:
-            block = self._blocks.draw_block(dimension, sample, i, count)
+            return self._draw(key, sample, take(before, sample) + i)
+        if isinstance(count, int) and self._blocks is not None:
+            block = self._blocks.draw_block(key, sample, i, count)
             return self._checked("draw_block", block, "(2, N)", size(sample, self._size))
-        return self._draw((*dimension, i), sample)
+        return self._draw((*key, i), sample)
 
     def onward(self, path: tuple[int, ...], sample: Selection | None) -> Array:
         """Return the directions in which paths go on, ``(2, N)``; lobes and roulette take numbers of `rng`."""
