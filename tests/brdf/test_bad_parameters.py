@@ -68,20 +68,3 @@ def test_a_parameter_out_of_range_is_named(make: Callable[..., Any], name: str, 
     for value in values:
         with pytest.raises(ValueError, match=rf"{name.removeprefix('coat_')}( of fresnel)? must .*; got "):
             make(**{name: value})
-
-
-@pytest.mark.parametrize(
-    "make, message",
-    [
-        (lambda: dmis.matte((255, 0, 0)), r"kd must be at most 1, because .* values of 8 bits by 255 .*\(255, 0, 0\)"),
-        (lambda: dmis.matte(image(200.0)), r"kd must be at most 1, .* got an image \(1, 2, 1\) from 0.1 to 200"),
-        (lambda: dmis.phong(exponent=(1, 2, 3)), "exponent must be a number or an image of one channel, because"),
-        (lambda: dmis.ward(alpha=1e-6), "alpha must be positive and finite, at least 0.0001, because .*; got 1e-06"),
-        (lambda: dmis.ggx(alpha=BLACK_OUTSIDE), "alpha must be .* with another wrap than black, because"),
-        (lambda: dmis.ggx(fresnel=1.5), "fresnel must be a Dielectric or Conductor, because it takes cosines, or None"),
-    ],
-)
-def test_wording(make: Callable[[], Any], message: str) -> None:
-    """One of each constraint: what is wrong, what is allowed and why, what was given."""
-    with pytest.raises(ValueError, match=f"^{message}"):
-        make()

@@ -17,7 +17,6 @@ from dmis.brdf.fresnel import Coat, Dielectric, ExactConductor, dielectric
 from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularReflection
-from dmis.brdf.texture import Image
 from dmis.scene.groups import Part, bind
 from dmis.testing.scenes import FLOOR, box_scene, surface
 from dmis.testing.sphere import polar, uniforms
@@ -237,15 +236,6 @@ def test_lobes_of_a_coat() -> None:
     assert values.eval(Directions(values, values.wo)).dtype == np.float32
 
 
-def test_both_sides_are_alike() -> None:
-    """A coat does not know which side of a mesh is outside; glass does."""
-    points = surface(dmis.coated_diffuse(), polar(70))
-    other = surface(dmis.coated_diffuse(), polar(70))
-    other.outside = ~other.outside
-    for one, two in zip(points.delta[0].scatter(points), other.delta[0].scatter(other), strict=True):
-        np.testing.assert_array_equal(one, two)
-
-
 def test_coats_have_their_own_tables_in_a_scene() -> None:
     """Bases of one coat share a group; another index, roughness or thickness is another group. Values are as alone."""
     made = [
@@ -269,16 +259,3 @@ def test_coats_have_their_own_tables_in_a_scene() -> None:
         for lobe, own in zip(group.reflection, points.reflection, strict=True):
             got, expected = (np.broadcast_to(one.eval(directions), (3, 2)) for one in (bind(lobe, row, None), own))
             np.testing.assert_allclose(got, expected, rtol=1e-6)
-
-
-def test_image_under_a_coat() -> None:
-    """The base's reflectance may be an image; each point has the value of its own."""
-    texture = Image(np.array([[[0.2, 0.4, 0.6], [0.9, 0.5, 0.1]]], np.float32))
-    (group,) = box_scene(dmis.coated_diffuse(texture, 0.2)).plan.groups
-    uv = np.float32([[0.25, 0.75], [0.5, 0.5]])
-    points = surface(dmis.coated_diffuse(0.5, 0.2), polar(30), 2)
-    directions = Directions(points, points.wo)
-    got = bind(group.reflection[0], None, uv).eval(directions)
-    for k, colour in enumerate(texture.texels[0]):
-        alone = surface(dmis.coated_diffuse(tuple(colour.tolist()), 0.2), polar(30)).reflection[0].eval(directions)
-        np.testing.assert_allclose(got[:, k], alone[:, k], rtol=1e-5)

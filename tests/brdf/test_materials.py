@@ -91,13 +91,6 @@ def test_opacity_dims_all_but_what_passes_straight_through() -> None:
     assert kt.transmittance == pytest.approx((0.05, 0.025, 0.1)) and kt.eta == 1.5
 
 
-@pytest.mark.parametrize("r", [0.04, 0.5, 0.9])
-def test_shiny_metal_reflects_its_parameter_straight_on(r: float) -> None:
-    """The conductor of shinymetal has the given reflectance at normal incidence."""
-    for lobe in shiny_metal(r, r).lobes:
-        np.testing.assert_allclose(lobe.fresnel(np.float32([1])), r, rtol=1e-5)
-
-
 def _image(*texel: float) -> Image:
     """Two texels, the first of which is good."""
     return Image(np.array([[np.full(len(texel), 0.1), texel]]))

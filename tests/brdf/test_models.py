@@ -13,10 +13,7 @@ import dmis
 from dmis.base.vectors import dot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric
-from dmis.brdf.texture import Image
-from dmis.geometry.shapes import sphere
 from dmis.pipeline.fingerprint import fingerprint
-from dmis.scene.groups import Part
 from dmis.testing.lobe_checks import check_lobe
 from dmis.testing.outcome import require
 from dmis.testing.scenes import box_scene, surface
@@ -197,23 +194,6 @@ def test_extreme_roughness_is_finite(name: str, degrees: float) -> None:
 
 
 # Scenes -------------------------------------------------------------------------------------------------------------
-
-BALL = sphere(0.35, segments=16).transformed([[1, 0, 0, 0.3], [0, 1, 0, 0.1], [0, 0, 1, 0.4], [0, 0, 0, 1]])
-
-
-def test_models_of_one_kind_share_a_group_and_textures_reach_them() -> None:
-    """Parameters are tables and textures like those of other lobes; only anisotropic ones ask for tangents."""
-    floor = Part(BALL, dmis.ggx(0, 0.5, 0.2))
-    scene = box_scene(dmis.ggx(0, 0.8, 0.1), extra=(floor,))
-    assert len({group.reflection[0].roughness.alpha.size for group in scene.plan.groups}) == 1
-    assert not any(group.anisotropic for group in scene.plan.groups)
-    assert box_scene(dmis.ggx(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
-    assert box_scene(dmis.ward(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
-    assert box_scene(dmis.cook_torrance(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
-    textured = box_scene(dmis.ggx(0, 1, Image(np.array([[[0.1], [0.5]]], np.float32))))
-    assert textured.plan.groups[0].textured
-    means = dmis.render(textured, "balance", 4, seed=1).image
-    assert np.isfinite(means).all() and means.max() > 0
 
 
 def test_tangent_of_a_part_is_laid_upon_its_surface() -> None:

@@ -11,7 +11,6 @@ from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
 from dmis.image import encode_png
 from dmis.intersect import Hits
-from dmis.pipeline.fingerprint import fingerprint
 from dmis.scene.groups import Part
 from dmis.testing.scenes import box_scene
 
@@ -108,13 +107,6 @@ def test_extreme_scenes_with_bump_maps_are_refused():
     scene = replace(box_scene(), parts=(large,), lights=(dmis.DistantLight((0, 0, 1), (1, 1, 1)),))
     with pytest.raises(ValueError, match="a scene with bump maps, whose heights are lengths, must have"):
         dmis.render(scene, "balance", 1, parallel=1)
-
-
-def test_relief_is_part_of_fingerprints():
-    prints = set()
-    for relief in (None, BumpMap(HEIGHTS), BumpMap(HEIGHTS, True), NormalMap(HEIGHTS), NormalMap(HEIGHTS, 0.5)):
-        prints.add(fingerprint(box_scene(replace(dmis.matte(), relief=relief))))
-    assert len(prints) == 5
 
 
 def test_images_from_files_are_data(tmp_path):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, image_tile, images_z_score, pixel_shares, z_score
+from helpers import Z_LIMIT, image_tile, images_z_score, means, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -23,16 +23,6 @@ from dmis.testing.scenes import FLOOR, box_scene
 
 ABOVE = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
 BELOW = QuadLight((-0.7, -0.7, -1.6), (1.4, 0, 0), (0, 1.4, 0), (4, 2, 1))
-
-
-def images(scene: Scene, w: float, seed: int, settings: Settings, count: int = 2) -> Array:
-    round_ = Round(16, pixel_shares(w), settings)
-    tiles = (image_tile(scene, seed + k, round_) for k in range(count))
-    return np.array([render_tile(scene, tile).mean for tile in tiles])
-
-
-def means(scene: Scene, w: float, seed: int, settings: Settings, count: int = 30) -> Array:
-    return images(scene, w, seed, settings, count).mean(axis=(1, 2, 3))
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +55,9 @@ def test_light_from_both_sides_adds_up() -> None:
     """What two lights send is the sum of what each sends alone, with all lights or with one picked."""
     make = [box_scene(dmis.rough_glass(alpha=0.3), lights, resolution=(8, 8)) for lights in ((ABOVE,), (BELOW,))]
     both = box_scene(dmis.rough_glass(alpha=0.3), (ABOVE, BELOW), resolution=(8, 8))
-    settings = Settings(sampler="independent")
-    apart = means(make[0], 0.5, 0, settings) + means(make[1], 0.5, 100, settings)
-    assert abs(z_score(means(both, 0.5, 200, settings), apart)) < Z_LIMIT
-    assert abs(z_score(means(both, 0.5, 300, replace(settings, lights="one")), apart)) < Z_LIMIT
+    apart = means(make[0], range(30), 16) + means(make[1], range(100, 130), 16)
+    assert abs(z_score(means(both, range(200, 230), 16), apart)) < Z_LIMIT
+    assert abs(z_score(means(both, range(300, 330), 16, lights="one"), apart)) < Z_LIMIT
 
 
 @pytest.mark.parametrize("roughness, least", [(0.02, 0.995), (0.3, 0.85)])
@@ -78,7 +67,7 @@ def test_a_ball_in_an_even_sky_is_the_sky(roughness: float, least: float) -> Non
     sky = EnvironmentLight(np.ones((2, 4, 3), np.float32))
     camera = box_scene(glass(), eye=(0, -6, 0), resolution=(8, 8)).camera
     scene = Scene(camera, (Part(ball, dmis.rough_glass(alpha=roughness)),), (sky,))
-    values = means(scene, 0.5, 0, Settings(sampler="independent", integrator="path", max_depth=100), 12)
+    values = means(scene, range(12), 16, integrator="path", max_depth=100)
     assert least < values.mean() < 1 + 4 * values.std() / np.sqrt(len(values))
 
 

@@ -142,13 +142,6 @@ def test_pickles_leave_out_what_can_be_made_again() -> None:
     np.testing.assert_array_equal(pickle.loads(pickled)(uv), values)
 
 
-def test_bright_texels_leave_no_negative_light_beside_them() -> None:
-    """A sun of 1e8 next to darkness: interpolation is a sum of weights that are not negative."""
-    image = Image(np.array([[[1e8], [0.0], [1e-3]]]), wrap="clamp")
-    s = np.linspace(0, 1, 10001, dtype=np.float32)
-    assert (image(np.stack([s, np.full_like(s, 0.5)])) >= 0).all()
-
-
 def test_images_of_several_materials() -> None:
     values = Image(np.full((1, 1, 1), 0.2)), (1.0, 2.0, 3.0)
     np.testing.assert_allclose(Images(values)(np.array([1, 0]), np.zeros((2, 2))).T, [(1, 2, 3), [0.2] * 3], rtol=1e-6)

@@ -2,18 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers import LEVEL, image_tile, pixel_shares
+from helpers import LEVEL
 
 from dmis.base.vectors import Array
-from dmis.brdf.materials import matte
-from dmis.estimator.settings import Settings
-from dmis.fit.round import Round
-from dmis.light.area import DiskLight
-from dmis.pipeline.tile import render_tile
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
 from dmis.samplers.pixel_block import CONTINUE, PixelBlock
 from dmis.samplers.streams import stream
-from dmis.testing.scenes import box_scene
 from dmis.testing.statistics import chi2_p
 
 
@@ -98,16 +92,3 @@ def test_late_bounces_have_random_numbers() -> None:
         u = source.draw_block(key, None, 0, 1).reshape(2, spp, 20)
         assert not any(is_net(u[..., pixel]) for pixel in range(20))
         assert u.shape == source.draw(key, None, np.zeros(20 * spp, int)).reshape(2, spp, 20).shape
-
-
-def test_blocks_of_a_camera_sample_are_better_than_separate_sequences() -> None:
-    """One camera sample with 8 light samples: these are a net, so their mean scatters less than of random numbers."""
-    light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
-    scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=0.01, target=(0.9, 1e-4, 0))
-    variance = {}
-    for name in ("independent", "lowdiscrepancy"):
-        round_ = Round(1, pixel_shares(1.0), Settings(shading_samples=8, sampler=name))
-        tiles = (image_tile(scene, seed, round_) for seed in range(200))
-        means = np.array([render_tile(scene, tile).mean[0, 0, 0] for tile in tiles])
-        variance[name] = means.var(ddof=1)
-    assert variance["lowdiscrepancy"] < 0.2 * variance["independent"]

@@ -196,17 +196,6 @@ def test_images_do_not_depend_on_tiles_and_passes(monkeypatch: pytest.MonkeyPatc
     np.testing.assert_array_equal(*images)
 
 
-def test_blocks_are_consecutive_points() -> None:
-    """`draw_block` and `draw` with the index in the technique's sequence make the same numbers."""
-    source = sampler(6)
-    index = np.arange(0, 48, 5)
-    source.start(np.tile(np.arange(6), 8), np.repeat(np.arange(8), 6))
-    for sample in range(4):
-        block = source.draw_block(LIGHT, index, sample, 4)
-        np.testing.assert_array_equal(block, source.draw(LIGHT, index, index // 6 * 4 + sample))
-    assert source.draw(LIGHT, np.zeros(0, int)).shape == (2, 0)
-
-
 # Pixels and the hash -------------------------------------------------------------------------------------------------
 
 

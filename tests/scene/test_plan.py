@@ -205,18 +205,6 @@ def test_unused_features_change_no_bit(name: str) -> None:
         assert again == rays
 
 
-def test_black_lobes_take_no_samples() -> None:
-    """One of two lobes is black: without it all samples go to the other, with the same mean and less variance.
-
-    Streams differ, because no number is spent on picking a lobe.
-    """
-    both, one = (box_scene(Material(lobes)) for lobes in ((Lambert(0.5), Lambert(0.0)), (Lambert(0.5),)))
-    for scene in (both, one):
-        assert [len(group.reflection) for group in scene.plan.groups] == [1]
-    np.testing.assert_array_equal(tile_of(both)[0], tile_of(one)[0])
-    assert both.plan.removed_lobes == 1 and one.plan.removed_lobes == 0
-
-
 def test_black_base_under_a_coat_stays() -> None:
     """A substrate is one model of two lobes."""
     scene = box_scene(dmis.substrate(kd=0))

@@ -12,7 +12,6 @@ from helpers import shipped
 import dmis
 from dmis.__main__ import main
 from dmis.formats.pbrt.notes import PbrtWarning
-from dmis.formats.pbrt.sample_requests import power_of_two
 from dmis.image import read_exr
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.scene.scene import SceneWarning
@@ -59,10 +58,6 @@ def test_original_scenes_ask_for_the_same(name: str) -> None:
         (suggested.sampler, str(suggested.spp))
     ]
     assert re.findall(r'"integer nsamples" *\[ *(\d+)', lines) == [str(suggested.light_samples[0])]
-
-
-def test_power_of_two() -> None:
-    assert [power_of_two(n) for n in (1, 2, 3, 4, 5, 31, 33)] == [1, 2, 4, 4, 8, 32, 64]
 
 
 LAMPS = """AttributeBegin AreaLightSource "area" "integer nsamples" 3 Translate 0 0 2 Shape "disk" AttributeEnd
