@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,11 +20,15 @@ from dmis.light.pieces import Pieces
 from dmis.light.tree import TreeSelection
 
 
-class Selection(Protocol):
-    """Probabilities with which pieces are selected; they may depend on the receiving point and its normal."""
+class FixedSelection:
+    """Selection of pieces with the same probabilities everywhere, in proportion to `weights` ``(F,)``."""
+
+    def __init__(self, weights: Array) -> None:
+        self._edges = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
+        self._share = np.diff(self._edges)
 
     def select(self, p: Array, ng: Array | None, u: Array) -> tuple[Index, Array, Array]:
-        """Select a piece for each of the points.
+        """Select a piece for each of the points, here by the inverse of the cumulative shares.
 
         Parameters
         ----------
@@ -42,32 +46,16 @@ class Selection(Protocol):
         rest
             Uniform numbers again, ``(N,)``: where `u` is in the interval that stands for the piece.
         """
-        ...
-
-    def probability(self, p: Array, ng: Array | None, piece: Index) -> Array:
-        """Return the probabilities of given pieces ``(N,)`` for the points `p`, ``(N,)``."""
-        ...
-
-
-class FixedSelection:
-    """Selection with the same probabilities everywhere, in proportion to `weights` ``(F,)``."""
-
-    def __init__(self, weights: Array) -> None:
-        self._edges = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
-        self._share = np.diff(self._edges)
-
-    def select(self, p: Array, ng: Array | None, u: Array) -> tuple[Index, Array, Array]:
-        """See `Selection.select`; by the inverse of the cumulative shares."""
         piece = np.minimum(np.searchsorted(self._edges[1:], u, side="right"), len(self._share) - 1)
         share = self._share.take(piece)
         return piece, share, (u - self._edges.take(piece)) / np.maximum(share, 1e-300)
 
     def probability(self, p: Array, ng: Array | None, piece: Index) -> Array:
-        """See `Selection.probability`."""
+        """Return the probabilities of given pieces ``(N,)`` for the points `p`, ``(N,)``."""
         return self._share.take(piece)
 
 
-SELECTIONS: dict[str, Callable[[Pieces], Selection]] = {
+SELECTIONS: dict[str, Callable[[Pieces], FixedSelection | TreeSelection]] = {
     "even": lambda pieces: FixedSelection(pieces.area / np.bincount(pieces.light, pieces.area).take(pieces.light)),
     "power": lambda pieces: FixedSelection(pieces.intensity * (1 + pieces.two_sided)),
     "tree": TreeSelection,
@@ -96,7 +84,7 @@ class SelectedLights(SampledLight):
     """
 
     pieces: Pieces
-    selection: Selection
+    selection: FixedSelection | TreeSelection
     ng: Array | None = None
     needs_normals: ClassVar[bool] = True
 

@@ -56,7 +56,7 @@ Tables = tuple[Array, Array]
 
 
 class TreeSelection:
-    """Selection by nodes of a light tree, see `dmis.light.selection.Selection`."""
+    """Selection by nodes of a light tree, see `dmis.light.selection.FixedSelection`."""
 
     def __init__(self, pieces: Pieces) -> None:
         low, high, axis, angle = _piece_bounds(pieces)
@@ -79,7 +79,7 @@ class TreeSelection:
         self._forget()
 
     def select(self, p: Array, ng: Array | None, u: Array) -> tuple[Index, Array, Array]:
-        """See `dmis.light.selection.Selection.select`."""
+        """See `dmis.light.selection.FixedSelection.select`."""
         piece = np.empty(len(u), np.int64)
         probability = np.empty(len(u), np.float32)
         rest = np.empty(len(u))
@@ -91,7 +91,7 @@ class TreeSelection:
         return piece, probability, rest
 
     def probability(self, p: Array, ng: Array | None, piece: Index) -> Array:
-        """See `dmis.light.selection.Selection.probability`."""
+        """See `dmis.light.selection.FixedSelection.probability`."""
         node = self._node.take(piece)
         probability = np.empty(len(piece), np.float32)
         for block, cell, tables in self._cells(p, ng, len(piece)):
