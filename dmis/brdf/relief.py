@@ -6,24 +6,12 @@ The surface itself stays where it is. Tangents dp/du and dp/dv are those of the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
 from dmis.brdf.texture import image_of_data
-
-
-class Relief(Protocol):
-    """Protocol of what turns the normals of a material."""
-
-    def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
-        """Return turned unit normals ``(3, N)``.
-
-        `n` are unit shading normals on the outside, `smooth` if they are interpolated between vertices, `dpdu` and
-        `dpdv` tangents, ``(3, N)`` each, and `uv` texture coordinates ``(2, N)``.
-        """
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +35,11 @@ class BumpMap:
         object.__setattr__(self, "image", image_of_data("image of a bump map", self.image))
 
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
-        """See `Relief.normals`; slopes are differences over a texel."""
+        """Return turned unit normals ``(3, N)``; slopes are differences over a texel.
+
+        `n` are unit shading normals on the outside, `smooth` if they are interpolated between vertices, `dpdu` and
+        `dpdv` tangents, ``(3, N)`` each, and `uv` texture coordinates ``(2, N)``.
+        """
         s, t = (v - n * dot(n, v) for v in (dpdu, dpdv))
         if smooth and self.unit_tangents is not None:
             s = -normalise(s) if self.unit_tangents else s
@@ -81,13 +73,17 @@ class NormalMap:
         object.__setattr__(self, "image", image_of_data("image of a normal map", self.image))
 
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
-        """See `Relief.normals`."""
+        """Return turned unit normals ``(3, N)``, see `BumpMap.normals`."""
         x, y, z = np.broadcast_to(self.image(uv) * 2 - 1, n.shape)
         s = normalise(dpdu - n * dot(n, dpdu))
         t = np.cross(n, s, axis=0)
         if self.towards_dpdv:
             t *= np.copysign(np.float32(1), dot(t, dpdv))
         return _towards(n, (s * x + t * y) * np.float32(self.strength) + n * z)
+
+
+Relief = BumpMap | NormalMap
+"""What turns the normals of a material."""
 
 
 def _towards(n: Array, turned: Any) -> Array:
