@@ -12,7 +12,6 @@ from dmis.geometry.refinement import diagonals
 from dmis.intersect import RayCaster
 from dmis.light.coincident import find_overlaps, lamp_triangles
 from dmis.samplers.warp import square_to_sphere
-from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.plan import Plan
 
@@ -80,15 +79,6 @@ def point_light_doubts(plan: Plan, caster: RayCaster) -> Iterator[str]:
                     f"only smooth glass and mirrors are around a {type(light).__name__} at {place[:, 0].tolist()}: it "
                     "lights nothing, because no shadow ray passes them; write a small SphereLight, with paths"
                 )
-
-
-def camera_doubts(camera: Camera, caster: RayCaster, reach: float) -> Iterator[str]:
-    """Yield a message if the camera is nearer than `reach` to a surface, which then hides all that is behind it."""
-    width, height = camera.resolution
-    x, y = (a.reshape(-1).astype(np.float32) for a in np.meshgrid(np.linspace(0, width, 9), np.linspace(0, height, 9)))
-    hidden = caster.occluded(*camera.lens_rays(x, y), np.full(len(x), reach, np.float32))
-    if hidden.any():
-        yield f"the camera is on a surface, and {hidden.mean():.0%} of it sees nothing else; move it farther away"
 
 
 def offset_doubts(parts: Sequence[Part], small: Array, epsilon: Array) -> Iterator[str]:

@@ -21,7 +21,7 @@ from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import lamp_triangles, two_sided
 from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
-from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts, point_light_doubts
+from dmis.scene.doubts import lamp_doubts, offset_doubts, point_light_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.plan import Plan, textures
 from dmis.scene.rescale import ray_offsets, rescale, units
@@ -237,11 +237,9 @@ class Scene:
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
-        least = float(np.min(self.epsilon))
         return (
-            *lamp_doubts(self.parts, self.plan, self.intersector, 2 * least),
+            *lamp_doubts(self.parts, self.plan, self.intersector, 2 * float(np.min(self.epsilon))),
             *offset_doubts(self.parts, self.small_bodies, self.epsilon),
-            *camera_doubts(self.camera, self.intersector, least),
             *point_light_doubts(self.plan, self.intersector),
         )
 

@@ -97,18 +97,6 @@ def test_crop_sees_the_same_rays() -> None:
     np.testing.assert_allclose(inner.rays(x, y), whole.rays(x + 30, y + 15), atol=3e-7)
 
 
-def test_a_camera_on_a_surface_is_named() -> None:
-    """It sees that surface alone; a little above it no warning."""
-    floor = dmis.Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), dmis.matte(0.5))
-    lamp = dmis.QuadLight((-0.5, -0.5, 3), (0, 1, 0), (1, 0, 0), (1, 1, 1))
-    for height, warned in ((0.0, True), (0.01, False)):
-        camera = dmis.Camera.look_at((0, 0, height), (1, 0, height), fov=60, resolution=(8, 8))
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            dmis.Scene(camera, (floor,), (lamp,)).prepare()
-        assert any("camera is on a surface" in str(w.message) for w in caught) == warned
-
-
 @pytest.mark.parametrize("material, warned", [(dmis.glass(), True), (dmis.mirror(), True), (dmis.matte(0.5), False)])
 @pytest.mark.parametrize("place", [(0.0, 0.0, 1.0), (0.0, 0.0, 1.6)])
 def test_points_of_light_inside_of_glass_are_named(material: dmis.Material, warned: bool, place: Any) -> None:
