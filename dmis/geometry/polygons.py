@@ -18,7 +18,8 @@ def triangulate(sides: Ints, points: Floats) -> Ints:
     """
     if (sides == 3).all():
         return np.arange(len(points)).reshape(-1, 3)
-    count, begin = sides - 2, np.cumsum(sides) - sides
+    count = sides - 2
+    begin = np.cumsum(sides) - sides
     polygon = np.repeat(np.arange(len(sides)), count)
     place = np.cumsum(count) - count
     second = np.arange(count.sum()) - place[polygon] + begin[polygon] + 1

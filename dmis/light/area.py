@@ -119,8 +119,8 @@ class QuadLight(AreaLight):
         cross = np.cross(u, v)
         area = float(np.linalg.norm(cross))
         normal = (cross / max(area, 1e-300)).astype(np.float32)[:, None]
-        corner, edges = point("corner", self.corner), [point("edge", e) for e in (self.edge_u, self.edge_v)]
-        return corner, edges[0], edges[1], normal, area, self.emission(ANY_POINT)
+        edge_u, edge_v = (point("edge", edge) for edge in (self.edge_u, self.edge_v))
+        return point("corner", self.corner), edge_u, edge_v, normal, area, self.emission(ANY_POINT)
 
     @cached_property
     def _dual(self) -> tuple[Array, Array]:

@@ -68,8 +68,10 @@ class TwoSided:
         ray, k = ray[behind], k[behind]
         weights = np.stack([1 - hits.u[ray] - hits.v[ray], hits.u[ray], hits.v[ray]], axis=1)
         _, u, v = np.take_along_axis(weights, self._corner[k], axis=1).T
-        prim, rows = hits.prim.copy(), np.stack([hits.u, hits.v])
-        prim[ray], rows[:, ray] = self._number[self._twin[k]], (u, v)
+        prim = hits.prim.copy()
+        prim[ray] = self._number[self._twin[k]]
+        rows = np.stack([hits.u, hits.v])
+        rows[:, ray] = u, v
         return Hits(prim, rows[0], rows[1], hits.distance)
 
 

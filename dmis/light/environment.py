@@ -97,7 +97,8 @@ class EnvironmentLight(InfiniteLight):
     @cached_property
     def _data(self) -> tuple[Image, Array | None]:
         """The scaled map as a texture; rotation from the map to the world, None if there is nothing to rotate."""
-        texels, factor = np.asarray(self.texels, np.float32), rgb("scale", self.scale)[:, 0]
+        texels = np.asarray(self.texels, np.float32)
+        factor = rgb("scale", self.scale)[:, 0]
         check_values("texels", Image(texels), "finite and not negative", "they are radiance")
         if (factor != 1).any():  # maps are large
             brightest = texels.max(axis=(0, 1)).astype(float) * factor

@@ -75,7 +75,8 @@ class MeshLight(AreaLight):
         faces = self._sampled[0]
         triangles = self._mesh.vertices[faces]
         centre = triangles.mean(axis=(0, 1))  # float32 has more digits about it
-        caster, reach = Intersector(self._mesh.vertices - centre, faces), MIN_GAP * np.abs(triangles - centre).max()
+        caster = Intersector(self._mesh.vertices - centre, faces)
+        reach = MIN_GAP * np.abs(triangles - centre).max()
         first, second = find_overlaps(caster, triangles - centre, reach)
         overlap = first != second
         if overlap.any():

@@ -78,7 +78,8 @@ def light_name(job, record):
         if selection == "tree" or not selects:
             break
         # a tree selects among lamps where a path has scattered, but not behind mirrors
-        p_l = (light.seen_from(record.surface.ng) if light.needs_normals else light).hit(record.p, record.wi).pdf
+        seen = light.seen_from(record.surface.ng) if light.needs_normals else light
+        p_l = seen.hit(record.p, record.wi).pdf
         if np.isclose(p_l, record.pdf[0], rtol=1e-3).mean() > 0.5:
             break
     return f"{type(light).__name__} {number}{' from behind' if beyond else ''}"
