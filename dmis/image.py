@@ -20,8 +20,8 @@ REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """Chromaticities x, y of red, green, blue and white of all images, also those of EXR files that do not name theirs."""
 
 
-def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
-    """Check that an image file of `size` bytes can be written, before the image is rendered.
+def check_image(path: str | os.PathLike[str]) -> None:
+    """Check that an image file can be written, before the image is rendered.
 
     A ValueError if the extension is neither .exr nor .png, or the package that writes EXR cannot be imported; an
     OSError if the file cannot be written, see `dmis.base.atomic_files.check_writable`.
@@ -31,7 +31,7 @@ def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
         raise ValueError(f"an image file must end in .exr (or .png for a preview); got {path}")
     if suffix == ".exr":
         check_package("OpenEXR", "writing EXR", "pip install OpenEXR, or write .png")
-    check_writable(path, size)
+    check_writable(path)
 
 
 def write_exr(

@@ -39,7 +39,6 @@ from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import CosineLobe
 from dmis.brdf.facet_quadrature import LEAST_COSINE, NODES, gauss, interpolate, reflected, refracted
 from dmis.brdf.fresnel import dielectric
-from dmis.brdf.texture import Image
 from dmis.samplers.warp import INV_PI
 
 DIFFUSE_NODES = 64
@@ -128,7 +127,3 @@ class CoatedBase(CosineLobe):
 
     def albedo(self) -> Array:
         return self.share * self.reflectance
-
-    def is_black(self) -> bool:
-        """Return whether the base reflects nothing, although the lobe is not in proportion to its reflectance."""
-        return any(not isinstance(value, Image) and not np.any(value) for value in (self.reflectance, self.share))

@@ -101,27 +101,19 @@ def test_wrap_of_each_axis(across: Wrap, down: Wrap) -> None:
     "texels, options, message",
     [
         (np.ones((2, 2)), {}, "texels must have shape"),
-        (np.ones((2, 2, 2)), {}, "texels must have shape"),
+        (np.full((2, 2, 3), 200, np.uint8), {}, "texels must be linear values"),
+        (["wood.png"], {}, "texels must be an array of numbers"),
         (np.ones((0, 2, 3)), {}, "texels must have shape"),
         (np.full((1, 1, 1), np.nan), {}, "texels must be finite"),
         (np.ones((1, 1, 1)), {"wrap": "mirrored"}, "wrap must be repeat or mirror or black or clamp; got 'mirrored'"),
-        (np.ones((1, 1, 1)), {"wrap": ("repeat", None)}, "wrap must be .*; got None"),
         (np.ones((1, 1, 1)), {"scale": (1e39, 1)}, r"scale must be within 1e\+15"),
         (np.ones((1, 1, 1)), {"offset": (0, np.nan)}, r"offset must be within 1e\+15"),
     ],
 )
-def test_bad_images(texels: Array, options: dict[str, Any], message: str) -> None:
+def test_bad_images(texels: Any, options: dict[str, Any], message: str) -> None:
     """Errors name the argument and the constraint."""
     with pytest.raises(ValueError, match=message):
         Image(texels, **options)
-
-
-def test_eight_bits_are_not_linear_values() -> None:
-    with pytest.raises(ValueError, match="texels must be linear values"):
-        Image(np.full((2, 2, 3), 200, np.uint8))
-    with pytest.raises(ValueError, match="texels must be an array of numbers"):
-        Image(["wood.png"])  # type: ignore[arg-type]
-    assert Image(np.array([[[1], [0]]])).texels.sum() == 1
 
 
 @pytest.mark.parametrize("wrap", ["repeat", "black", "clamp"])

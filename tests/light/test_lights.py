@@ -330,13 +330,8 @@ ANY: Any = np.ones((1, 1, 3))
     "make, message",
     [
         (lambda: DiskLight(ORIGIN, (0, 0, 1), 0.0, WHITE), "radius must be positive"),
-        (lambda: DiskLight(ORIGIN, (0, 0, 0), 1.0, WHITE), "normal must not be zero"),
-        (lambda: DiskLight(ORIGIN, (0, 0, 1), 1.0, (1, -1, 0)), "radiance must be finite, not negative"),
         (lambda: QuadLight(ORIGIN, (1, 0, 0), (2, 0, 0), WHITE), "must not be parallel"),
-        (lambda: QuadLight((0, np.inf, 0), (1, 0, 0), (0, 1, 0), WHITE), "corner must be three finite"),
         (lambda: MeshLight(np.zeros((3, 3)), np.array([[0, 1, 2]]), WHITE), "positive area"),
-        (lambda: MeshLight(np.eye(3), np.array([[0, 1, 7]]), WHITE), "faces must be indices from 0 to 2"),
-        (lambda: EnvironmentLight(np.ones((2, 2))), "texels must have shape"),
         (lambda: EnvironmentLight(-np.ones((2, 2, 3))), "texels must be finite and not negative"),
         (lambda: EnvironmentLight(1e38 * ANY, scale=(1e10, 1, 1)), r"texels times scale must be below 3.4e38.*e\+47"),
         (lambda: EnvironmentLight(ANY, 2 * np.eye(3)), "to_world must be a 3x3 rotation"),

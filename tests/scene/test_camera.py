@@ -207,13 +207,9 @@ WIDE = Camera(IDENTITY, 50.0, (100, 60))
         *((Camera, (IDENTITY, fov, (4, 4)), FOV) for fov in (0, 180, np.nan)),
         *((Camera, (IDENTITY, 45, size), SIZE) for size in ((0, 4), (70000, 1), (65535, 65535), (6.5, 5), 5)),
         (Camera, (IDENTITY, 50.0, (4, 4), (8, 0), (10, 10)), "a crop must lie inside its frame of 10x10"),
-        (Camera.look_at, ((0, 0, 0), (0, 0, 1), (0, 0, 2)), "up must not be parallel"),
-        (Camera.look_at, ((1, 1, 1), (1, 1, 1), (0, 0, 1)), "the line of sight from eye to target must not be zero"),
         (Camera.look_at, ((0, np.nan, 0), (0, 0, 1), (0, 1, 0)), "eye must be three finite numbers"),
-        (Camera.look_at, ((0, 0, 0), (0, 0, 1), (0, 0, 0)), "up must not be zero"),
         *((WIDE.crop, (window,), WINDOW) for window in ((0, 0, 1, 61), (0, 5, 1, 5), (-1, 0, 3, 1), (99, 0, 101, 1))),
         *((WIDE.crop, (window,), WINDOW) for window in ((0, 0, 2.5, 2), (0, 0, 2, np.nan), 2)),
-        (WIDE.crop, ((50, 20, 30, 20),), WINDOW),  # x, y, width, height
         (WIDE.crop, ((0, 8), (0, 8)), WINDOW),
         (partial(WIDE.crop, rows=(0, 8), columns=(0, 8)), (), WINDOW),
         (partial(replace, PLACE, projection="fisheye"), (), "projection must be .* or spherical; got 'fisheye'"),

@@ -345,12 +345,9 @@ def test_default_integrator() -> None:
     [
         ((None, None), ("direct", "auto"), ("direct", 5)),
         ((None, None), ("path", None), ("path", None)),
-        ((None, None), ("auto", 2), ("direct", 2)),
         (("path", 9), ("auto", "auto"), ("path", 9)),
-        (("path", 9), ("path", "auto"), ("path", 9)),
         (("path", 9), ("direct", "auto"), ("direct", 5)),
         (("path", 9), ("auto", 3), ("path", 3)),
-        (("direct", 2), ("auto", "auto"), ("direct", 2)),
         (("path", None), ("auto", "auto"), ("path", 5)),
     ],
 )
