@@ -10,7 +10,6 @@ from matplotlib.image import imread
 from PIL import Image
 
 from dmis import plot
-from dmis.examples.gallery import plain_exponents
 
 
 def test_coordinates_are_pixels():
@@ -44,25 +43,6 @@ def test_saved_figure_has_its_caption(tmp_path):
         assert about["Title"] == "A title" and about["Description"] == caption
         sizes.append(imread(path).shape[0])
     assert sizes[1] > sizes[0] + 200
-
-
-def test_exponents_are_as_large_as_their_labels():
-    """Logarithmic axes and colour bars have 1e-5 in place of ten to a raised -5, on the same ticks."""
-    from matplotlib.colors import LogNorm
-
-    figure, axes = plot.canvas(1, 3, 9, 3)
-    axes[0, 0].loglog([1e-6, 1e3], [2, 6])
-    figure.colorbar(plot.heat(axes[0, 1], np.ones((2, 2)), norm=LogNorm(1e-7, 1e2)), ax=axes[0, 1])
-    axes[0, 2].plot([1, 2], [0.001, 0.002])
-    figure.draw_without_rendering()
-    places = [axes.get_yticks().tolist() for axes in figure.axes]
-    plain_exponents(figure)
-    figure.draw_without_rendering()
-    assert [axes.get_yticks().tolist() for axes in figure.axes] == places
-    texts = [label.get_text() for axes in figure.axes for label in (*axes.get_xticklabels(), *axes.get_yticklabels())]
-    assert not any("^" in text for text in texts) and {"1e-6", "0.01", "100", "0.0010"} <= set(texts), texts
-    minor = [label.get_text() for label in figure.axes[0].get_yticklabels(minor=True)]
-    assert {"2", "3", "4", "6"} <= set(minor)  # less than a decade: ticks between powers of ten have labels
 
 
 def test_figures_for_files_leave_pyplot_alone(tmp_path):

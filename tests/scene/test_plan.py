@@ -31,7 +31,6 @@ from dmis.light.area import QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import Light
-from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.tile import render_tile
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Part
@@ -379,14 +378,6 @@ def test_bad_requests_and_scenes(make: Any, name: str, values: Any, allowed: str
     for value in values:
         with pytest.raises(ValueError, match=f"{name} must be {allowed}; got .*{re.escape(str(value))}"):
             make(**{name: value})
-
-
-def test_references_of_paths_are_their_own() -> None:
-    """The same scene by another integrator is another image; direct light keeps the references that there are."""
-    scene = box_scene()
-    asked = [("direct", 5), ("path", 5), ("path", 6)]
-    hashes = [fingerprint(s) for s in (scene, *(replace(scene, suggested=Suggestions(i, d)) for i, d in asked))]
-    assert hashes[0] == hashes[1] and len(set(hashes)) == 3
 
 
 def test_description_names_what_is_done() -> None:
