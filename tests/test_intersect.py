@@ -86,10 +86,7 @@ def test_few_rays(count: int) -> None:
         assert caster.occluded(origin, direction, np.ones(count, np.float32)).shape == (count,)
 
 
-@pytest.mark.parametrize(
-    "origin, direction",
-    [((3, 4), (3, 5)), ((4, 3), (4, 3)), ((3,), (3,)), ((3, 1), (3, 4))],
-)
+@pytest.mark.parametrize("origin, direction", [((3, 4), (3, 5)), ((4, 3), (4, 3)), ((3,), (3,)), ((3, 1), (3, 4))])
 def test_bad_ray_shapes(origin: tuple[int, ...], direction: tuple[int, ...]) -> None:
     """Shapes that differ, rows instead of columns, single vectors; and not one distance for each ray."""
     caster = Intersector(*TRIANGLE)

@@ -13,19 +13,8 @@ from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import INV_PI, square_to_sphere
 
 
-class CosineLobe(Lobe):
-    """A lobe that is sampled by the cosine."""
-
-    def pdf(self, directions: Directions) -> Array:
-        return np.maximum(directions.cos_i_signed, 0) * INV_PI
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions with density ``cos/pi``: the unit sphere on the surface needs no frame."""
-        return normalise(surface.n + square_to_sphere(u))
-
-
 @dataclass(frozen=True, eq=False)
-class Lambert(CosineLobe):
+class Lambert(Lobe):
     """``f = reflectance / pi``, sampled with density cos/pi."""
 
     reflectance: Any
@@ -34,9 +23,23 @@ class Lambert(CosineLobe):
     def eval(self, directions: Directions) -> Array:
         return self.reflectance * INV_PI
 
+    def pdf(self, directions: Directions) -> Array:
+        return np.maximum(directions.cos_i_signed, 0) * INV_PI
+
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions with density ``cos/pi``: the unit sphere on the surface needs no frame."""
+        return normalise(surface.n + square_to_sphere(u))
+
     def weight(self) -> Any:
         """Return the reflectance: the density is that of f with the cosine."""
         return self.reflectance
+
+
+class CosineLobe(Lobe):
+    """A lobe that is sampled by the cosine, as Lambert's is."""
+
+    pdf = Lambert.pdf
+    sample = Lambert.sample
 
 
 @dataclass(frozen=True, eq=False)

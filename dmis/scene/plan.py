@@ -78,11 +78,7 @@ class Plan:
         simplified = {number: simplify(material) for number, material in materials.items()}
         self.removed_lobes = sum(len(materials[k].lobes) - len(simplified[k].lobes) for k in materials)
         parts = tuple(
-            replace(
-                part,
-                material=simplified[id(part.material)],
-                light=live_lights.get(id(part.light)),
-            )
+            replace(part, material=simplified[id(part.material)], light=live_lights.get(id(part.light)))
             for part in parts
         )
         self.parts = parts

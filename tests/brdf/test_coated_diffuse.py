@@ -140,8 +140,7 @@ def walk(degrees: float, scatter: Scatter, coat: tuple[float, ...], bounces: int
 
 
 @pytest.mark.parametrize(
-    "coat",
-    [(1.5, 0.0, 0.0), (1.5, 0.0, 0.3), (2.2, 0.0, 0.01), (1.5, 0.3, 0.0), (1.8, 0.15, 0.05), (1.5, 0.8, 0.3)],
+    "coat", [(1.5, 0.0, 0.0), (1.5, 0.0, 0.3), (2.2, 0.0, 0.01), (1.5, 0.3, 0.0), (1.8, 0.15, 0.05), (1.5, 0.8, 0.3)]
 )
 @pytest.mark.parametrize("degrees, reflectance", [(20.0, 0.9), (75.0, 0.5)])
 def test_random_walks(coat: tuple[float, ...], degrees: float, reflectance: float) -> None:

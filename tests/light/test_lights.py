@@ -264,10 +264,7 @@ def test_point_by_hand() -> None:
     assert light_sample.distance == pytest.approx(2) and light_sample.emits.all() and (light_sample.pdf == 1).all()
 
 
-@pytest.mark.parametrize(
-    "degrees, factor",
-    [(0.0, 1.0), (24.9, 1.0), (30.1, 0.0), (180.0, 0.0), (27.5, None)],
-)
+@pytest.mark.parametrize("degrees, factor", [(0.0, 1.0), (24.9, 1.0), (30.1, 0.0), (180.0, 0.0), (27.5, None)])
 def test_spot_by_hand(degrees: float, factor: float | None) -> None:
     """Full inside, dark outside, ``d^4`` in between with d linear in the cosine."""
     if factor is None:

@@ -65,8 +65,7 @@ def zoo(length: float = 1.0, offset: float = 0.0, gain: float = 1.0) -> Scene:
 
 
 @pytest.mark.parametrize(
-    "length, gain, rule",
-    [(2.0**-40, 1.0, "balance"), (2.0**30, 2.0**60, "auto"), (2.0**-25, 2.0**-90, "thesis")],
+    "length, gain, rule", [(2.0**-40, 1.0, "balance"), (2.0**30, 2.0**60, "auto"), (2.0**-25, 2.0**-90, "thesis")]
 )
 def test_extreme_units_give_the_same_bits(length: float, gain: float, rule: str) -> None:
     """Powers of two change no digit: the image is that of the tame scene times the gain, to the last bit."""

@@ -145,10 +145,7 @@ SAMPLE = r"must return a LightSample .* got"
         # one that returns the wrong form
         (mine(Lambert, eval=returns(np.float32(0.3))), rf"eval must be {FLOAT} of shape \(3, N\) or .*; got float32"),
         (mine(Lambert, pdf=returns(np.ones(4))), r"pdf must be of shape \(N,\); got shape \(4,\) for N = 1"),
-        (
-            mine(SpecularReflection, scatter=returns((np.ones((3, 4)), 0.9))),
-            r"scatter, factors, must be .*; got float",
-        ),
+        (mine(SpecularReflection, scatter=returns((np.ones((3, 4)), 0.9))), r"scatter, factors, must be .*; got float"),
         (mine(Panel, emission=returns(8.0)), rf"emission must be {FLOAT} of shape \(3, 1\) or .*; got float"),
         (mine(HalfSky, radiance=returns(np.ones(3))), r"radiance must be .* got shape \(3,\)"),
         (changed(Panel, "sample", lambda s: s.wi), rf"sample {SAMPLE} ndarray"),
