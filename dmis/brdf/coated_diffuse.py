@@ -19,8 +19,12 @@ would be (R I)^bounces. Its roulette changes no mean. Where the coat is rough, v
 ``Sample_f``, which has the mean given here: it puts together two estimates of the way out with weights whose sum is
 not 1, because one has the density of the reversed path.
 
-A layer of optical thickness t below the interface keeps ``exp(-t / c)`` of a ray of cosine c. Facets are averaged once
-for each interface, see `dmis.brdf.facet_quadrature`.
+A layer of optical thickness t below the interface keeps ``exp(-t / c)`` of a ray of cosine c.
+
+What a rough interface reflects, or lets through, is an average over the half vectors that light sees, by quadrature
+once for each interface. Masking and shadowing are correlated, ``G2 = 1 / (1 + L(wo) + L(wi))``. The rule is Gauss's for
+the cap of `dmis.brdf.microfacet.visible_half_vectors` and a midpoint rule around it, in float64. A smooth interface, of
+alpha 0, has one half vector.
 
 Sources: Saunderson 1942; Walter et al. 2007; Elias, Simonot and Menu 2001; Guo, Hasan and Zhao, "Position-Free Monte
 Carlo Simulation for Arbitrary Layered BSDFs", 2018; bxdfs.h of pbrt-v4.
@@ -28,6 +32,7 @@ Carlo Simulation for Arbitrary Layered BSDFs", 2018; bxdfs.h of pbrt-v4.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
@@ -37,12 +42,19 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import CosineLobe
-from dmis.brdf.facet_quadrature import LEAST_COSINE, NODES, gauss, interpolate, reflected, refracted
 from dmis.brdf.fresnel import dielectric
 from dmis.samplers.warp import INV_PI
 
 DIFFUSE_NODES = 64
 """Nodes of diffuse light on either side of the critical angle."""
+HALF_VECTOR_NODES = 32
+"""Nodes in each of the two coordinates of half vectors."""
+LEAST_COSINE = np.float32(1e-7)
+"""Smallest cosine: at the horizon the terms have the limit 0 / 0."""
+TABLE_INTERVALS = 512
+"""Intervals of tables over the cosine: error of a transmittance below 1e-4 for indices 1.1 to 4, alpha to 1."""
+NODES = np.maximum(np.linspace(0, 1, TABLE_INTERVALS + 1) ** 2, LEAST_COSINE)
+"""Cosines of the nodes of tables: shares of light are smooth to the horizon along their root."""
 
 
 def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float = 0.0) -> Array:
@@ -127,3 +139,63 @@ class CoatedBase(CosineLobe):
 
     def albedo(self) -> Array:
         return self.share * self.reflectance
+
+
+def interpolate(table: Array, cos: Array) -> Array:
+    """Return the values of a `table` at `NODES` ``(..., TABLE_INTERVALS + 1)`` at cosines `cos` ``(N,)``."""
+    at = np.sqrt(cos) * np.float32(TABLE_INTERVALS)
+    node = at.astype(np.int32)
+    low, high = (table.take(k, axis=-1, mode="clip") for k in (node, node + 1))
+    return low + (high - low) * (at - node.astype(np.float32))
+
+
+def reflected(cos: Array, alpha: float, reflectance: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Return where light of cosines `cos` ``(M,)`` is reflected: cosines, and shares whose sum for each is the albedo.
+
+    Both are ``(M, HALF_VECTOR_NODES, HALF_VECTOR_NODES)``. `reflectance` is Fresnel's, of the cosine to the facet.
+    """
+    cos_o, cos_d, cos_h, weight = _facets(cos, alpha)
+    cos_i = 2 * cos_d * cos_h - cos_o
+    return _leaving(cos_o, cos_i, alpha, weight * reflectance(cos_d))
+
+
+def refracted(cos: Array, alpha: float, eta: float) -> tuple[Array, Array]:
+    """Return where light is refracted to, as `reflected` does; `eta` is the index beyond over that before."""
+    cos_o, cos_d, cos_h, weight = _facets(cos, alpha)
+    beyond = np.sqrt(np.maximum(1 - (1 - cos_d * cos_d) / (eta * eta), 0))
+    cos_i = cos_o / eta + cos_h * (beyond - cos_d / eta)
+    return _leaving(cos_o, cos_i, alpha, weight * (1 - dielectric(cos_d, np.asarray(eta))))
+
+
+def _leaving(cos_o: Array, cos_i: Array, alpha: float, share: Array) -> tuple[Array, Array]:
+    """Return cosines, and the shares of what facets that wo sees send there past other facets: G2 / G1 of `share`."""
+    above = cos_i > LEAST_COSINE
+    cos_i = np.maximum(cos_i, LEAST_COSINE)
+    o, i = (np.sqrt(alpha * alpha * np.maximum(1 - c * c, 0) + c * c) / c for c in (cos_o, cos_i))
+    return cos_i, share * above * (1 + o) / (o + i)
+
+
+def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
+    """Return the half vectors that directions of cosines `cos` ``(M,)`` see: nodes of a quadrature, float64.
+
+    These are the cosines of wo with the normal ``(M, 1, 1)``, of wo and of the normal with the half vectors ``(M,
+    HALF_VECTOR_NODES, HALF_VECTOR_NODES)``, and weights ``(HALF_VECTOR_NODES, 1)``, whose sum over both axes is 1.
+    """
+    nodes, weights = gauss(HALF_VECTOR_NODES)
+    u = (1 - (1 - nodes) ** 2)[:, None]  # many nodes near 1, where facets stand upright
+    phi = np.pi * (np.arange(HALF_VECTOR_NODES) + 0.5) / HALF_VECTOR_NODES  # the other half circle is the same
+    cos_o = cos[:, None, None].astype(np.float64)
+    sin_o = np.sqrt(np.maximum(1 - cos_o * cos_o, 0))
+    length = np.hypot(alpha * sin_o, cos_o)
+    below = u * (1 + cos_o / length)
+    r = np.sqrt(np.maximum(below * (2 - below), 0))
+    x, y = alpha * (r * np.cos(phi) + alpha * sin_o / length), alpha * r * np.sin(phi)
+    z = (1 - u) * (1 + cos_o / length)
+    size = np.sqrt(x * x + y * y + z * z)
+    return cos_o, (sin_o * x + cos_o * z) / size, z / size, (weights * 2 * (1 - nodes) / HALF_VECTOR_NODES)[:, None]
+
+
+def gauss(count: int) -> tuple[Array, Array]:
+    """Return nodes and weights of Gauss's rule in [0, 1]."""
+    x, weights = np.polynomial.legendre.leggauss(count)
+    return (x + 1) / 2, weights / 2
