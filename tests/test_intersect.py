@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from brute_force import BruteForce
-from helpers import pickled
 
 from dmis.base.vectors import Array, normalise
 from dmis.intersect import Intersector
-from dmis.testing.scenes import box_scene
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
 
@@ -107,24 +105,6 @@ def test_check_finds_nan(which: str) -> None:
     arrays[which][..., 2] = np.nan
     with pytest.raises(ValueError, match="must not"):
         Intersector(*TRIANGLE).occluded(**arrays)
-
-
-def test_float64_rays_are_converted() -> None:
-    """Double precision rays are rounded, not misread."""
-    origin, direction = rays(50)
-    caster = Intersector(*soup())
-    a, b = caster.closest(origin, direction), caster.closest(origin.astype(float), direction.astype(float))
-    np.testing.assert_array_equal(a.prim, b.prim)
-
-
-def test_scene_comes_back_from_pickle() -> None:
-    """A scene is pickled without its Embree handle and finds the same hits afterwards."""
-    scene = box_scene()
-    origin, direction = rays(100)
-    hits = scene.intersector.closest(origin, direction)
-    again = pickled(scene).intersector.closest(origin, direction)
-    np.testing.assert_array_equal(hits.prim, again.prim)
-    np.testing.assert_array_equal(hits.distance, again.distance)
 
 
 def test_nothing_is_nearer_than_0() -> None:

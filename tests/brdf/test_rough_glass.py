@@ -36,11 +36,9 @@ def balanced() -> tuple[Scene, Array]:
     "rule",
     [
         "auto",
-        "second-moment",
         "thesis:patch=4",
         "second-moment:combiner=optimal",
         "fixed:0.3,combiner=power",
-        "fixed:0.3,sampler=sobol",
         "fixed:light=0.3,brdf=0.4,uniform=0.3",
     ],
 )

@@ -11,7 +11,6 @@ from dmis import Camera, render
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte, plastic
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.shapes import quad
 from dmis.intersect import Hits, Intersector
 from dmis.light.area import DiskLight, QuadLight
@@ -186,8 +185,3 @@ def test_shapes_listed_on_both_sides_are_as_bright_as_one(tmp_path: Path, dialec
         image = tile_of(scene, spp=4, integrator="direct")[0]
         np.testing.assert_array_equal(image, tile_of(alone, spp=4, integrator="direct")[0])
         assert image.min() > 1
-
-
-def test_the_line_of_overlapping_triangles_is_named(tmp_path: Path) -> None:
-    with pytest.raises(PbrtError, match=r"lamp\.pbrt:6: .*triangles of a mesh light must not overlap in part"):
-        read_lamp(tmp_path, "v3", LAMPS["trapezium"].replace("0 1 2 0 2 3", "0 1 2  0 2 3  0 1 3"))

@@ -127,17 +127,6 @@ def test_corners_are_finite_and_of_unit_length(name: str, corner: tuple[float, f
         assert np.hypot(*w) <= 1 + 1e-6
 
 
-@pytest.mark.parametrize("exponent", [1.0, 10.0, 500.0, 1e4])
-def test_power_agrees_with_numpy(exponent: float) -> None:
-    """``exp(e log x)`` is ``x**e``: the rounding of the logarithm times e, and no NaN at 0."""
-    x = np.linspace(0.5, 1, 101, dtype=np.float32)
-    expected = x.astype(float) ** exponent
-    # |log x| <= .7, so the exponent's absolute error is at most .7 e 2^-24 (in exp) + e 2^-25 (in log) + 2^-24
-    np.testing.assert_allclose(warp.power(x, np.float32(exponent)), expected, rtol=2e-7 * (1 + exponent), atol=1e-37)
-    assert warp.power(np.zeros(1, np.float32), np.float32(exponent))[0] < 1e-29
-    assert warp.power(np.zeros(1, np.float32), np.float32(0))[0] == 1
-
-
 @pytest.mark.parametrize("degrees", [0, 40, 90, 140, 180])
 def test_to_world_turns_z_into_the_normal(degrees: float) -> None:
     """A rotation: z becomes the normal, lengths and angles stay."""
