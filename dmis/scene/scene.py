@@ -19,7 +19,7 @@ from dmis.base.vectors import Array, Selection, columns
 from dmis.geometry.refinement import bodies, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import lamp_triangles, two_sided
-from dmis.light.light import Light, check_light_form
+from dmis.light.light import Light, check_light_methods
 from dmis.scene.camera import Camera
 from dmis.scene.doubts import lamp_doubts, offset_doubts, point_light_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
@@ -58,8 +58,7 @@ class Scene:
     ------
     ValueError
         If an argument is something else, there is no part, a part's light is not among the lights, a light lacks a
-        method, a method of a light or lobe returns another shape than it must, or a mesh light that is not flat is no
-        part's.
+        method, or a mesh light that is not flat is no part's.
 
     Warns
     -----
@@ -99,13 +98,8 @@ class Scene:
                 raise ValueError(
                     "a part's light must be among the scene's lights, because it would be seen but not sampled"
                 )
-        for cls, lobe in {type(lobe): lobe for part in self.parts for lobe in part.material.lobes}.items():
-            if not cls.__module__.startswith("dmis."):
-                from dmis.scene.probe import check_lobe_form
-
-                check_lobe_form(lobe)
         for light in self.lights:
-            check_light_form(light)
+            check_light_methods(light)
             if light.hides_itself() and id(light) not in seen:
                 raise ValueError(
                     f"a {type(light).__name__} that is not flat must be a part of the scene too, because its triangles "

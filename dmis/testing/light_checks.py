@@ -18,7 +18,7 @@ from dmis.base.vectors import Array, frame
 from dmis.brdf.materials import matte
 from dmis.geometry.shapes import quad
 from dmis.geometry.transforms import translate
-from dmis.light.light import Light, check_light_form, checked_light
+from dmis.light.light import Light, check_light_methods, checked_light
 from dmis.light.light_sample import INFINITE_DISTANCE
 from dmis.pipeline.render import render
 from dmis.scene.camera import Camera
@@ -52,7 +52,7 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
 def _checks(light: Any) -> Iterator[Check]:
     """Yield the checks of a light."""
     light = checked_light(light, always=True)
-    check_light_form(light)
+    check_light_methods(light)
     if light.delta:
         yield "radiance falls off", lambda: _check_falloff(light)
         return

@@ -20,9 +20,9 @@ from dmis.light.light import Light
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
 from dmis.scene.camera import Camera
-from dmis.scene.groups import Part
-from dmis.scene.probe import surface as surface
+from dmis.scene.groups import Part, batch_key, bind_lobes, make_group
 from dmis.scene.scene import Scene
+from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.outcome import Fault
 from dmis.testing.statistics import z_limit
 
@@ -51,6 +51,36 @@ def box_scene(
     """Return a scene of the `floor` under `lights`, and of the parts `extra`."""
     camera = Camera.look_at(eye, target, fov=fov, resolution=resolution)
     return Scene(camera, (Part(floor, material or matte(0.6)), *extra), lights)
+
+
+def surface(
+    material: Material, wo: Any, count: int = 1, n: Any = (0, 0, 1), dpdu: Any = (1, 0, 0), outside: bool = True
+) -> ShadingPoints:
+    """Return `count` points at the origin, all seen from `wo`.
+
+    Parameters
+    ----------
+    material
+        Its lobes are bound as a scene binds them; images at the middle of the texture.
+    wo, n, dpdu
+        Unit vectors ``(3,)``: to the viewer, the normal, the tangent.
+    outside
+        Whether the viewer is on the outer side.
+    """
+    group = make_group(batch_key(Part(FLOOR, material)), [(material, None)])
+    uv = np.full((2, count), 0.5, np.float32)
+    normal, wo, dpdu = (np.repeat(np.array(v, np.float32).reshape(3, 1), count, axis=1) for v in (n, wo, dpdu))
+    return ShadingPoints(
+        p=np.zeros((3, count), np.float32),
+        ng=normal,
+        n=normal,
+        wo=wo,
+        cos_o=(normal * wo).sum(axis=0),
+        outside=np.full(count, outside),
+        dpdu=dpdu,
+        epsilon=np.float32(0),
+        **bind_lobes(group, None, uv),
+    )
 
 
 def compare_techniques(scene: Scene, level: float, advice: str, spp: int = 64) -> str:

@@ -130,6 +130,15 @@ def changed(base: type, method: str, change: Callable[[Any], Any]) -> Any:
     return mine(base, **{method: lambda self, *arguments: change(original(self, *arguments))})
 
 
+def render_with(own: Any) -> None:
+    """Render a floor with a lobe, or under a light, which the camera sees."""
+    if isinstance(own, Lobe):
+        scene = box_scene(dmis.Material((own,)))
+    else:
+        scene = box_scene(lights=(own,), extra=(light_part(own),) if isinstance(own, Panel) else (), fov=100.0)
+    dmis.render(scene, "balance", 1, parallel=1)
+
+
 FLOAT = "an array of float"
 FORM = r"must be of shape \(3, N\)"
 SAMPLE = r"must return a LightSample .* got"
@@ -144,7 +153,7 @@ SAMPLE = r"must return a LightSample .* got"
         (mine(Panel, brightness=AreaLight.brightness), r"brightness\(length\)"),
         # one that returns the wrong form
         (mine(Lambert, eval=returns(np.float32(0.3))), rf"eval must be {FLOAT} of shape \(3, N\) or .*; got float32"),
-        (mine(Lambert, pdf=returns(np.ones(4))), r"pdf must be of shape \(N,\); got shape \(4,\) for N = 1"),
+        (mine(Lambert, pdf=returns(np.ones(4))), r"pdf must be of shape \(N,\); got shape \(4,\) for N = "),
         (mine(SpecularReflection, scatter=returns((np.ones((3, 4)), 0.9))), r"scatter, factors, must be .*; got float"),
         (mine(Panel, emission=returns(8.0)), rf"emission must be {FLOAT} of shape \(3, 1\) or .*; got float"),
         (mine(HalfSky, radiance=returns(np.ones(3))), r"radiance must be .* got shape \(3,\)"),
@@ -157,14 +166,14 @@ SAMPLE = r"must return a LightSample .* got"
             changed(Panel, "hit", lambda s: replace(s, radiance=np.ones(3))),
             r"hit: radiance must be of shape \(3, 1\) or \(3, N\); got shape \(3,\)",
         ),
-        (changed(Candle, "sample", lambda s: replace(s, wi=s.wi.T)), rf"sample: wi {FORM}; got shape \(2, 3\)"),
+        (changed(Candle, "sample", lambda s: replace(s, wi=s.wi.T)), rf"sample: wi {FORM}; got shape"),
     ],
 )
-def test_a_scene_names_what_a_lobe_or_light_of_ones_own_lacks(own: Any, message: str) -> None:
+def test_a_render_names_what_a_lobe_or_light_of_ones_own_lacks(own: Any, message: str) -> None:
     """A method, or the form of what one returns, which else ends in a TypeError of the estimator."""
     lacks = "must define the method " if " must " not in message else ""
     with pytest.raises(ValueError, match=rf"^Mine.{lacks}{message}"):
-        box_scene(dmis.Material((own,))) if isinstance(own, Lobe) else box_scene(lights=(own,))
+        render_with(own)
 
 
 @pytest.mark.parametrize("lights", [(), (dmis.PointLight((0, 0, 1), (0, 0, 0)),)])
