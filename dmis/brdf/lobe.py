@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dmis.base.plugins import checked
 from dmis.base.validate import check_array, check_directions
 from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Directions, LocalFrame
@@ -144,7 +143,7 @@ def _check_weight(call: str, weight: Any, _: Lobe) -> None:
 
 
 _COLOURS = "(3, N)", "(3, 1)", "(1, N)", "(1, 1)"
-_METHODS: dict[str, Any] = {
+LOBE_CHECKS: dict[str, Any] = {
     "eval": lambda call, f, _, d: check_array(call, f, d.wi.shape[1], *_COLOURS, where=lambda: d.above),
     "pdf": lambda call, pdf, _, d: check_array(call, pdf, d.wi.shape[1], "(N,)", where=lambda: d.above),
     "sample": lambda call, wi, _, s, u: check_directions(call, wi, u.shape[1], lambda: dot(s.n, wi) > 0),
@@ -153,8 +152,4 @@ _METHODS: dict[str, Any] = {
     "transmitted_share": lambda call, share, _, s: check_array(call, share, len(s.cos_o), "(N,)"),
     **dict.fromkeys(("is_black", "albedo", "has_sides", "eta_scale")),
 }
-
-
-def checked_lobe(lobe: Any, always: bool = False) -> Any:
-    """Return a lobe that checks what its methods return, see `dmis.base.plugins.checked`."""
-    return checked(lobe, _METHODS, always)
+"""Checks of what the methods of lobes return, see `dmis.base.plugins.checked`."""

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from dmis.base.plugins import checked
 from dmis.base.validate import check_array, check_directions, check_form, check_methods, number
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image
@@ -49,17 +48,13 @@ class Light:
     def brightness(self, length: float) -> float:
         """Return the largest radiance; of a point of light, the largest irradiance at the distance `length`.
 
-        It decides whether the light has power, and in which units float32 holds it. Default: that of the fields
-        `radiances` and `intensities`; 1, an ordinary light, if there are none.
+        A light of 0 is left out of a scene's plan; float32 must hold the brightness of the others. Default: that of
+        the fields `radiances` and `intensities`; 1, an ordinary light, if there are none.
         """
         radiances = (getattr(self, name) for name in self.radiances)
         values = [np.max(value.texels if isinstance(value, Image) else value) for value in radiances]
         values += [np.max(getattr(self, name)) / length**2 for name in self.intensities]
         return float(max(values, default=1.0))
-
-    def has_power(self) -> bool:
-        """Return whether the light emits anything; a light without power is left out of a scene's plan."""
-        return self.brightness(1.0) > 0
 
     def extent(self) -> float | None:
         """Return the root of the area, or another length of its size, in units of the scene; None if there is none."""
@@ -229,16 +224,12 @@ def check_light_sample(
 
 
 RADIANCE_SHAPES = "(3, 1)", "(3, N)"
-_METHODS: dict[str, Any] = {
+LIGHT_CHECKS: dict[str, Any] = {
     "sample": check_light_sample,
     "hit": check_light_sample,
     "radiance": lambda call, radiance, _, wi: check_array(call, radiance, wi.shape[1], *RADIANCE_SHAPES),
     "emission": lambda call, radiance, _, p: check_form(call, radiance, p.shape[1], *RADIANCE_SHAPES),
     "brightness": lambda call, value, *_: number(call, value, 0),
-    **dict.fromkeys(("has_power", "extent", "mesh", "hides_itself", "pieces", "is_at", "seen_from")),
+    **dict.fromkeys(("extent", "mesh", "hides_itself", "pieces", "is_at", "seen_from")),
 }
-
-
-def checked_light(light: Any, always: bool = False) -> Any:
-    """Return a light that checks what its methods return, see `dmis.base.plugins.checked`."""
-    return checked(light, _METHODS, always)
+"""Checks of what the methods of lights return, see `dmis.base.plugins.checked`."""

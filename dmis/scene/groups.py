@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmis.base.plugins import is_shipped
+from dmis.base.plugins import checked, is_shipped
 from dmis.base.validate import direction
 from dmis.base.vectors import Array, Index
-from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters, checked_lobe
+from dmis.brdf.lobe import LOBE_CHECKS, DeltaLobe, Lobe, Parameters
 from dmis.brdf.materials import Material, matte
 from dmis.brdf.texture import Image, Images
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight
+from dmis.light.light_sample import ANY_POINT
 
 if TYPE_CHECKING:
     from dmis.brdf.relief import Relief
@@ -203,9 +204,8 @@ def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Gr
     textured_light = next((light for light in lights if light.textured), None)
     emission = None
     if emits:
-        anywhere = np.zeros((3, 1), np.float32)
         # a textured light's column only says that the group emits
-        tables = [anywhere if light.textured else light.emission(anywhere) for light in lights]
+        tables = [ANY_POINT if light.textured else light.emission(ANY_POINT) for light in lights]
         emission = np.concatenate(tables, axis=1)
     return Group(
         materials,
@@ -243,7 +243,7 @@ def _tabulate(lobes: tuple[Any, ...]) -> Any:
 def _checked(lobe: Any) -> Any:
     """Return a lobe that checks what it returns if its class, or that of data nested in it, is not shipped."""
     nested = [getattr(lobe, field.name) for field in fields(lobe)]
-    return checked_lobe(lobe, any(is_dataclass(value) and not is_shipped(type(value)) for value in nested))
+    return checked(lobe, LOBE_CHECKS, any(is_dataclass(value) and not is_shipped(type(value)) for value in nested))
 
 
 def bind_lobes(group: Group, row: Index | None, uv: Array | None) -> dict[str, tuple[Any, ...]]:

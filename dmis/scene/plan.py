@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.plugins import checked
 from dmis.brdf.materials import Material
-from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight, checked_light
+from dmis.light.light import LIGHT_CHECKS, AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
 from dmis.light.pieces import Pieces
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group, simplify
@@ -59,8 +60,8 @@ class Plan:
 
     def __init__(self, camera: Camera, parts: tuple[Part, ...], lights: tuple[Light, ...], epsilon: float) -> None:
         self.removed_lights = len(lights)
-        guarded = ((id(light), checked_light(light)) for light in lights)
-        live_lights = {number: light for number, light in guarded if light.has_power()}
+        guarded = ((id(light), checked(light, LIGHT_CHECKS)) for light in lights)
+        live_lights: dict[int, Any] = {number: light for number, light in guarded if light.brightness(1.0) > 0}
         lights = tuple(live_lights[id(light)] for light in lights if id(light) in live_lights)
         self.removed_lights -= len(lights)
         self.sampled: tuple[SampledLight, ...] = tuple(light for light in lights if not light.delta)  # type: ignore[misc]

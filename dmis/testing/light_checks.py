@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.plugins import checked
 from dmis.base.vectors import Array, frame
 from dmis.brdf.materials import matte
 from dmis.geometry.shapes import quad
 from dmis.geometry.transforms import translate
-from dmis.light.light import Light, check_light_methods, checked_light
+from dmis.light.light import LIGHT_CHECKS, Light, check_light_methods
 from dmis.light.light_sample import INFINITE_DISTANCE
 from dmis.pipeline.render import render
 from dmis.scene.camera import Camera
@@ -51,7 +52,7 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
 
 def _checks(light: Any) -> Iterator[Check]:
     """Yield the checks of a light."""
-    light = checked_light(light, always=True)
+    light = checked(light, LIGHT_CHECKS, always=True)
     check_light_methods(light)
     if light.delta:
         yield "radiance falls off", lambda: _check_falloff(light)
@@ -64,7 +65,7 @@ def _checks(light: Any) -> Iterator[Check]:
     yield "sample follows pdf", lambda: check_pdf(views, LEVEL, pdf)
     yield f"samples have the integral of {value}", lambda: check_integral(views, LEVEL, value, pdf)
     yield "the camera sees what hit reports", lambda: _check_images(light, parts, points)
-    if light.has_power():
+    if light.brightness(1.0) > 0:
         yield "renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(light, parts)
 
 

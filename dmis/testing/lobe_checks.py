@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from dmis.base.plugins import checked
 from dmis.base.vectors import Array, dot, normalise
 from dmis.brdf.cosines import Directions
-from dmis.brdf.lobe import Lobe, checked_lobe
+from dmis.brdf.lobe import LOBE_CHECKS, Lobe
 from dmis.brdf.materials import Material
 from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.density import CORNERS, COUNT, DensityView, Views, check_integral, check_pdf, check_values
@@ -50,7 +51,7 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
 
 def _checks(lobe: Lobe, albedo: Sequence[float]) -> Iterator[Check]:
     """Yield the checks of a lobe."""
-    material = replace(Material((lobe,)), lobes=(checked_lobe(lobe, always=True),))
+    material = replace(Material((lobe,)), lobes=(checked(lobe, LOBE_CHECKS, always=True),))
     if lobe.delta and albedo:
         raise Fault("a Dirac delta has no albedo that is checked")
     if lobe.delta:
