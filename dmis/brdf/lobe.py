@@ -114,18 +114,6 @@ class DeltaLobe(Lobe):
         """Return directions ``(3, N)`` and factors (BSDF times cosine over probability), ``(3, N)`` or ``(3, 1)``."""
         raise NotImplementedError
 
-    def eval(self, directions: Directions) -> Array:
-        """Return 0, the value of a delta at all directions but one, ``(1, N)``."""
-        return np.zeros((1, directions.wi.shape[1]), np.float32)
-
-    def pdf(self, directions: Directions) -> Array:
-        """Return 0, because no other technique finds the direction, ``(N,)``."""
-        return np.zeros(directions.wi.shape[1], np.float32)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Return the directions of `scatter`, ``(3, N)``."""
-        return self.scatter(surface)[0]
-
 
 def _check_scatter(call: str, rays: Any, _: Lobe, surface: LocalFrame) -> None:
     """Raise a ValueError unless directions are unit ones where a factor is not 0."""

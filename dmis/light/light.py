@@ -178,10 +178,6 @@ class DeltaLight(Light):
 
     delta: ClassVar[bool] = True
 
-    def sample(self, p: Array, u: Array | None = None) -> LightSample:
-        """Return the direction of the light from the points `p` ``(3, N)``."""
-        raise NotImplementedError
-
     def is_at(self, point: Array, tolerance: float) -> bool:
         """Return whether the light stands at `point` ``(3,)``, so that all that is seen from there is unshadowed."""
         return False
