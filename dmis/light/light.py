@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from dmis.base.plugins import checked, is_shipped
 from dmis.base.validate import check_array, check_directions, check_form, check_methods, number
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image
@@ -184,13 +185,16 @@ class DeltaLight(Light):
 
 
 def check_light_methods(light: Any) -> None:
-    """Raise a ValueError if a light lacks a method that has no default."""
+    """Raise a ValueError if a light that is not shipped lacks a method that has no default, or a brightness."""
+    if is_shipped(type(light)):
+        return
     if light.delta:
         check_methods(light, DeltaLight, ["sample"])
-        return
-    check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
-    if not light.infinite and not hasattr(light, "radiance"):
-        check_methods(light, AreaLight, ["emission", "brightness"])
+    else:
+        check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
+        if not light.infinite and not hasattr(light, "radiance"):
+            check_methods(light, AreaLight, ["emission", "brightness"])
+    number(f"{type(light).__name__}.brightness(length)", checked(light, LIGHT_CHECKS).brightness(1.0), 0)
 
 
 def check_light_sample(
@@ -225,7 +229,6 @@ LIGHT_CHECKS: dict[str, Any] = {
     "hit": check_light_sample,
     "radiance": lambda call, radiance, _, wi: check_array(call, radiance, wi.shape[1], *RADIANCE_SHAPES),
     "emission": lambda call, radiance, _, p: check_form(call, radiance, p.shape[1], *RADIANCE_SHAPES),
-    "brightness": lambda call, value, *_: number(call, value, 0),
-    **dict.fromkeys(("extent", "mesh", "hides_itself", "pieces", "is_at", "seen_from")),
+    **dict.fromkeys(("brightness", "extent", "mesh", "hides_itself", "pieces", "is_at", "seen_from")),
 }
 """Checks of what the methods of lights return, see `dmis.base.plugins.checked`."""

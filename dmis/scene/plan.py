@@ -106,12 +106,7 @@ class Plan:
     def sampled_lights(self, lights: str, compensation: float) -> tuple[SampledLight, ...]:
         """Return what light samples are taken of: `sampled`, or one light in the place of many of them.
 
-        Parameters
-        ----------
-        lights
-            How lights are sampled, see `dmis.estimator.settings.Settings`.
-        compensation
-            That of infinite lights, see `InfiniteLight.compensated`.
+        Both arguments are settings of these names; the second is that of `InfiniteLight.compensated`.
         """
         if lights not in self._sampled:
             self._sampled[lights] = self._with_selections(lights)

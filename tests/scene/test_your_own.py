@@ -152,6 +152,7 @@ SAMPLE = r"must return a LightSample .* got"
         (mine(HalfSky, sample=InfiniteLight.sample), r"sample\(p, u\)"),
         (mine(Panel, brightness=AreaLight.brightness), r"brightness\(length\)"),
         # one that returns the wrong form
+        (mine(Panel, brightness=returns(-1.0)), r"brightness\(length\) must be a number of at least 0.*; got -1"),
         (mine(Lambert, eval=returns(np.float32(0.3))), rf"eval must be {FLOAT} of shape \(3, N\) or .*; got float32"),
         (mine(Lambert, pdf=returns(np.ones(4))), r"pdf must be of shape \(N,\); got shape \(4,\) for N = "),
         (mine(SpecularReflection, scatter=returns((np.ones((3, 4)), 0.9))), r"scatter, factors, must be .*; got float"),
