@@ -69,13 +69,12 @@ def pilot(pixel, spp, seed, settings):
 def light_name(job, record):
     """Return the name of the light that a record samples."""
     plan, settings = job.scene.plan, job.settings
-    deeper = len(record.key) > 1 and settings.integrator == "path"
-    selects = deeper and plan.selects_deeper(settings.lights)
+    selects = settings.integrator == "path" and plan.selects_deeper(settings.lights)
     for selection in (settings.lights, "tree"):
         lights = plan.sampled_lights(selection, settings.sky_compensation)
         beyond, number = divmod(record.key[-1], len(lights) + len(plan.deltas))
         light = (*lights, *plan.deltas)[number]
-        if selection == "tree" or not selects:
+        if selection == "tree" or not selects or len(record.key) == 1:
             break
         # a tree selects among lamps where a path has scattered, but not behind mirrors
         seen = light.seen_from(record.surface.ng) if light.needs_normals else light
