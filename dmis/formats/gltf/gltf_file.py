@@ -9,7 +9,7 @@ import base64
 import json
 import math
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ EXTENSIONS = tuple(
 )
 """Extensions that are read."""
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-"""Modes of a list, a strip and a fan of triangles."""
+"""Modes of a list, a strip and a fan of triangles; the latter two are refused."""
 
 
 class Gltf:
@@ -98,36 +98,21 @@ class Gltf:
         count = accessor["count"]
         kind = np.dtype(_TYPES[accessor["componentType"]])
         columns = _COLUMNS[accessor["type"]]
-        sparse = accessor.get("sparse")
-        if "bufferView" in accessor:
-            table = self._elements(accessor, number, (count, columns), kind)
-        elif sparse and count <= sum(map(len, self._buffers)):  # no vertex takes less than a byte of another accessor
-            table = np.zeros((count, columns), kind)
-        else:
-            raise ValueError(f"its accessor {number} has no data, or more elements than the file has bytes: {count}")
-        if sparse:
-            places = sparse["indices"]
-            changed = sparse["count"]
-            index = self._elements(places, number, (changed, 1), np.dtype(_TYPES[places["componentType"]]))[:, 0]
-            table = table.copy()
-            table[index.astype(np.uint32)] = self._elements(sparse["values"], number, (changed, columns), kind)
-        if accessor.get("normalized", False) and kind.kind in "iu":
-            return np.maximum(table / np.iinfo(kind).max, -1.0)
-        return table.astype(np.float64) if kind.kind == "f" else table.astype(np.int64)
-
-    def _elements(self, about: dict[str, Any], number: int, shape: tuple[int, int], kind: np.dtype[Any]) -> Any:
-        """Return elements of accessor `number` as they are stored, from the view and offset that `about` names."""
-        count, columns = shape
-        data, stride = self.view(about["bufferView"])
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise ValueError(f"its accessor {number} must not be sparse or without data; export it without sparse data")
+        data, stride = self.view(accessor["bufferView"])
         size = kind.itemsize * columns
-        begin = about.get("byteOffset", 0)
+        begin = accessor.get("byteOffset", 0)
         stride = stride or size
         fits = 0 < count <= len(data) and begin >= 0 and size <= stride
         if not (fits and begin + stride * (count - 1) + size <= len(data)):
             raise ValueError(
                 f"its accessor {number} must not have more elements than its {len(data)} bytes; got {count}"
             )
-        return np.ndarray(shape, kind, data, begin, (stride, kind.itemsize))
+        table = np.ndarray((count, columns), kind, data, begin, (stride, kind.itemsize))
+        if accessor.get("normalized", False) and kind.kind in "iu":
+            return np.maximum(table / np.iinfo(kind).max, -1.0)
+        return table.astype(np.float64) if kind.kind == "f" else table.astype(np.int64)
 
     def item(self, kind: str, number: Any) -> dict[str, Any]:
         """Return an entry of a list of the description."""
@@ -161,14 +146,13 @@ class Gltf:
         return placed
 
     def primitives(
-        self, coordinates: Callable[[int | None], tuple[int, Any]] = lambda material: (0, None)
+        self, coordinates: Callable[[int | None], int] = lambda material: 0
     ) -> Iterator[tuple[Mesh, Floats | None, int | None]]:
-        """Yield the triangles of the scene; points, lines and skins are counted as left out.
+        """Yield the triangles of the scene; points, lines, skins and morph targets are counted as left out.
 
-        Each has its mesh in world space, with the default weights of its morph targets, and v of its texture
-        coordinates from the bottom to the top; colours of the vertices, ``(V, 3)`` or ``(V, 4)``, linear, and the
-        number of its material, or None. `coordinates` returns, for that number, the set of texture coordinates, and the
-        matrix ``(2, 2)`` that is applied to them, or None.
+        Each has its mesh in world space, with v of its texture coordinates from the bottom to the top; colours of the
+        vertices, ``(V, 3)`` or ``(V, 4)``, linear, and the number of its material, or None. `coordinates` returns the
+        set of texture coordinates for that number.
 
         Raises a ValueError if there are more than `MAX_FACES`, or thrice as many vertices, before any is yielded.
         """
@@ -177,32 +161,35 @@ class Gltf:
         for node, matrix in self.nodes:
             if "mesh" not in node:
                 continue
-            self.model.unread["skin (shown as it is modelled)"] += "skin" in node
             mesh = self.item("meshes", node["mesh"])
+            morphs = any(node.get("weights", mesh.get("weights", ())))
+            for kind, is_so in {"skin": "skin" in node, "morphed mesh": morphs}.items():
+                self.model.unread[f"{kind} (shown as it is modelled)"] += is_so
             for primitive in mesh["primitives"]:
-                if (mode := primitive.get("mode", _TRIANGLES)) not in (_TRIANGLES, _STRIP, _FAN):
+                mode = primitive.get("mode", _TRIANGLES)
+                if mode in (_STRIP, _FAN):
+                    raise ValueError(f"its mesh {node['mesh']} must be a list of triangles, no strip or fan")
+                if mode != _TRIANGLES:
                     self.model.unread["set of points or lines"] += 1
                     continue
                 position = self.item("accessors", primitive["attributes"]["POSITION"])
                 corners = self.item("accessors", primitive["indices"]) if "indices" in primitive else position
-                total += max(corners["count"] // (3 if mode == _TRIANGLES else 1), position["count"] // 3)
-                weights = node.get("weights", mesh.get("weights", ()))
-                listed += [(primitive, weights, matrix)] if corners["count"] > 2 else []
+                total += max(corners["count"], position["count"]) // 3
+                listed += [(primitive, matrix)] if corners["count"] > 2 else []
         if total > MAX_FACES:
             most = f"{MAX_FACES} triangles, and {3 * MAX_FACES} vertices"
             raise ValueError(f"it must have at most {most}, because instances are copied")
-        for primitive, weights, matrix in listed:
+        for primitive, matrix in listed:
             material = primitive.get("material")
-            yield *self._placed(primitive, weights, matrix, *coordinates(material)), material
+            yield *self._placed(primitive, matrix, coordinates(material)), material
 
-    def _placed(
-        self, primitive: dict[str, Any], weights: Sequence[float], matrix: Floats, texture_set: int, turn: Any
-    ) -> tuple[Mesh, Floats | None]:
+    def _placed(self, primitive: dict[str, Any], matrix: Floats, texture_set: int) -> tuple[Mesh, Floats | None]:
         """Return the triangles of a primitive moved by `matrix`, and the colours of their vertices."""
         names = "POSITION", "NORMAL", f"TEXCOORD_{texture_set}", "COLOR_0"
-        vertices, given, uv, colours = (self._attribute(primitive, name, weights) for name in names)
+        numbers = (primitive["attributes"].get(name) for name in names)
+        vertices, given, uv, colours = (None if k is None else np.asarray(self.array(k), float) for k in numbers)
         index = self.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
-        faces = _triangles(index, primitive.get("mode", _TRIANGLES))
+        faces = index[: len(index) // 3 * 3].reshape(-1, 3)
         linear = matrix[:3, :3]
         mirrored = np.linalg.det(linear) < 0
         world = vertices @ linear.T + matrix[:3, 3]
@@ -210,28 +197,8 @@ class Gltf:
         if given is not None and np.linalg.cond(linear) < 1e12:  # else it is flat, and so are its normals
             normals = repair_normals(vertices, faces, given) @ np.linalg.inv(linear)
         if uv is not None:
-            uv = (uv if turn is None else uv @ turn.T) * (1, -1) + (0, 1)
+            uv = uv * (1, -1) + (0, 1)
         return Mesh(world, faces[:, ::-1] if mirrored else faces, normals, uv), colours
-
-    def _attribute(self, primitive: dict[str, Any], name: str, weights: Sequence[float]) -> Any:
-        """Return an attribute of the vertices plus `weights` times those of the morph targets; None if there is none.
-
-        It is float64, ``(V, C)``.
-        """
-        if name not in primitive["attributes"]:
-            return None
-        values = np.asarray(self.array(primitive["attributes"][name]), np.float64)
-        for weight, target in zip(weights, primitive.get("targets", ()), strict=False):
-            if weight and name in target:
-                values = values + weight * self.array(target[name])
-        return values
-
-
-def _triangles(index: Any, mode: int) -> Any:
-    """Return the faces ``(F, 3)`` of a list, strip or fan of vertices ``(N,)``."""
-    k = np.arange(len(index) - 2)[:, None]
-    strip = k + np.where(k % 2, (0, 2, 1), (0, 1, 2))
-    return index[{_TRIANGLES: k[::3] + (0, 1, 2), _STRIP: strip, _FAN: np.hstack([k + 1, k + 2, 0 * k])}[mode]]
 
 
 def _local(node: dict[str, Any]) -> Floats:

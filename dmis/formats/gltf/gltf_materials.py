@@ -7,7 +7,6 @@ of the base colour is an image, it is a mask. The occlusion texture is no light 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, cast
@@ -15,7 +14,6 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from dmis.base.vectors import Array
 from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
 from dmis.brdf.relief import NormalMap
@@ -30,11 +28,10 @@ _WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 _NEAREST = 9728
 
 
-def _place(info: Mapping[str, Any]) -> tuple[int, float, Any, Any]:
-    """Return the set of coordinates of a texture, and its rotation, scale and offset."""
+def _place(info: Mapping[str, Any]) -> tuple[Mapping[str, Any], int]:
+    """Return the transform of a texture, and its set of coordinates."""
     place = info.get("extensions", {}).get("KHR_texture_transform", {})
-    texture_set = place.get("texCoord", info.get("texCoord", 0))
-    return texture_set, place.get("rotation", 0), place.get("scale", [1, 1]), place.get("offset", [0, 0])
+    return place, place.get("texCoord", info.get("texCoord", 0))
 
 
 class Materials:
@@ -67,14 +64,9 @@ class Materials:
         names = "baseColorTexture", "metallicRoughnessTexture", "normalTexture", "emissiveTexture"
         return {name: infos[name] for name in names if name in infos}
 
-    def coordinates(self, number: int | None) -> tuple[int, Array | None]:
-        """Return the set of texture coordinates of a material's first texture, and the matrix that turns them.
-
-        It is ``(2, 2)``, or None. Textures for which they differ are left out.
-        """
-        texture_set, rotation, factors, _ = _place(next(iter(self._infos(number).values()), {}))
-        cos, sin = math.cos(rotation), math.sin(rotation)
-        return texture_set, np.array([[cos, -sin], [sin, cos]]) * factors if rotation else None
+    def coordinates(self, number: int | None) -> int:
+        """Return the set of texture coordinates of a material's first texture; textures of other sets are left out."""
+        return _place(next(iter(self._infos(number).values()), {}))[1]
 
     def _material(self, number: int | None, colours: Image | tuple[float, ...] | None = None) -> Material:
         """Return a material, with `colours` that multiply its base colour."""
@@ -149,10 +141,12 @@ class Materials:
         infos = self._infos(number)
         if (info := infos.get(name)) is None:
             return None
-        texture_set, rotation, (s, t), (u, v) = _place(info)
-        first = _place(infos[next(iter(infos))])
-        if (texture_set, rotation) != first[:2] or (rotation and [s, t] != first[2]):
-            self.leave_out(f"{name} with other coordinates or another rotation than {next(iter(infos))}", info)
+        place, texture_set = _place(info)
+        if texture_set != self.coordinates(number):
+            self.leave_out(f"{name} with other coordinates than {next(iter(infos))}", info)
+            return None
+        if place.get("rotation"):
+            self.leave_out(f"{name} that is rotated", info)
             return None
         texture = self._gltf.item("textures", info["index"])
         if "source" not in texture:
@@ -164,8 +158,7 @@ class Materials:
             return None
         sampler = self._gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
         across, down = (_WRAPS.get(sampler.get(axis, 10497), "repeat") for axis in ("wrapS", "wrapT"))
-        if rotation:  # `coordinates` scales
-            s = t = 1
+        (s, t), (u, v) = place.get("scale", (1, 1)), place.get("offset", (0, 0))
         pixels = self._pixels(texture["source"])[::-1]
         if channel == 3:
             pixels = np.ones((1, 1, 1), np.float32) if pixels.shape[2] in (1, 3) else pixels[..., -1:]
