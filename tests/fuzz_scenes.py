@@ -19,10 +19,10 @@ Material "matte" "texture Kd" "t" Shape "plymesh" "string filename" "a.ply" Ligh
 "a.exr" Shape "loopsubdiv" "integer levels" 1 "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3] "point3 P"
 [0 0 0 1 0 0 0 1 0 0 0 1] MediumInterface "" "" ObjectBegin "o" Shape "sphere" ObjectEnd ObjectInstance "o" WorldEnd"""
 V4 = """Film "rgb" "float iso" 100 PixelFilter "box" Integrator "volpath" "integer maxdepth" 1 Option "bool quiet" true
-ColorSpace "srgb" WorldBegin LightSource "distant" "blackbody L" 3000 "float illuminance" 4 AttributeBegin
-AreaLightSource "diffuse" "spectrum L" [400 1 500 2] "float power" 3 Attribute "shape" "float radius" 2 Shape "sphere"
-AttributeEnd Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 0] Material "mix" "string materials" ["b" "b"]
-MakeNamedMaterial "b" "string type" "diffuse" "spectrum reflectance" "a.spd" Import "empty.pbrt" Shape "trianglemesh"
+ColorSpace "srgb" WorldBegin LightSource "distant" "blackbody L" 3000 AttributeBegin
+AreaLightSource "diffuse" "spectrum L" [400 1 500 2] Shape "sphere" "float radius" 2
+AttributeEnd Material "mix" "string materials" ["b" "b"]
+MakeNamedMaterial "b" "string type" "diffuse" "spectrum reflectance" "a.spd" Include "empty.pbrt" Shape "trianglemesh"
 "point3 P" [0 0 0 1 0 0 0 1 0] "normal N" [0 0 1 0 0 1 0 0 1] "point2 uv" [0 0 0 1 1 1]"""
 TEXTS = [TOKEN.findall(path.read_text()) for path in sorted(SCENES.glob("*.pbrt"))]
 TEXTS += [TOKEN.findall(V3), TOKEN.findall(V4)]
@@ -54,7 +54,7 @@ NAMES = (
 TYPES = [*sorted(DIALECTS["v3"].types), "bool", "string", "texture", "spectrum"]
 VALUES = ['"a.exr"', '"a.ply"', '"a.spd"', '"matte"', '"a"', "true", '"metal-Cu-eta"', "3", "-1", ".5"]
 MAKERS = {
-    "Shape": "sphere disk cylinder trianglemesh plymesh loopsubdiv bilinearmesh",
+    "Shape": "sphere disk cylinder trianglemesh plymesh loopsubdiv",
     "Material": "matte plastic metal mirror glass uber mix diffuse conductor dielectric coateddiffuse "
     "coatedconductor translucent diffusetransmission",
     "LightSource": "point spot distant infinite",
@@ -65,7 +65,6 @@ MAKERS = {
     "NamedMaterial": "a b",
     "ObjectBegin": "o",
     "ObjectInstance": "o",
-    "Attribute": "shape light material",
 }
 MADE = [f'{line} "{kind}"' for line, kinds in MAKERS.items() for kind in kinds.split()]
 PLAIN = "AttributeBegin AttributeEnd TransformBegin TransformEnd ObjectEnd ReverseOrientation Identity".split()

@@ -25,12 +25,15 @@ MAX_FILES = 10_000
 """Most inclusions of files; a file that is included twice counts twice."""
 MAX_INCLUDES = 32
 """Largest depth of files that include each other."""
-_ADDED = {"Shape": "shape", "LightSource": "light", "AreaLightSource": "light"}
-_ADDED |= {"Material": "material", "Texture": "texture"}
-"""Kinds of objects to which Attribute lines add parameters, by directive."""
 _WORDS = ("bool", "string", "texture")
-_STRUCTURE = "Begin", "End", "Include", "Import"
+_STRUCTURE = "Begin", "End", "Include"
 """Ends of the names of directives that others depend on."""
+_INSTEAD = {
+    "Volume": "remove it to render without",
+    "Attribute": "write its parameters in each line of its kind",
+    "Import": "write Include",
+}
+"""Directives that are refused, with what to do."""
 _PLACES = {"options": "before WorldBegin", "world": "between WorldBegin and WorldEnd"}
 
 
@@ -182,13 +185,14 @@ def _argument(reader: Reader, cursor: Cursor, kind: int | str) -> Any:
     if kind not in (PARAMETERS, KEPT):
         return cursor.string(token, kind)
     p = cursor.parameters(token)
-    p.items = {**reader.state.added.get(_ADDED.get(token.text, ""), {}), **p.items}
     p.textures = reader.state.textures
     return p
 
 
 def _unknown(word: str, dialect: str) -> str:
     """Return the message about a directive that the dialect does not have."""
+    if word in _INSTEAD and word in DIALECTS[dialect].directives:
+        return f"{word} is not supported; {_INSTEAD[word]}"
     owners = [other.name for other in DIALECTS.values() if word in other.directives]
     if owners:
         owner = f"{word} belongs to {' and '.join(owners)}, where the same words mean other things"
@@ -207,14 +211,6 @@ def _include(reader: Reader, name: Token) -> None:
         raise name.error(f"a scene must not include more than {MAX_FILES} files, {MAX_INCLUDES} deep")
     with blame(name):
         carry_out(reader, name.source.include(path))
-
-
-def _import(reader: Reader, name: Token) -> None:
-    state, blocks = reader.state, len(reader.blocks)
-    _include(reader, name)
-    if len(reader.blocks) != blocks:
-        raise name.error("an imported file must close what it opens")
-    reader.restore(state)
 
 
 def _set_transform(reader: Reader, matrix: Floats) -> None:
@@ -260,7 +256,6 @@ def _active_transform(reader: Reader, which: Token) -> None:
 
 _DIRECTIVES: dict[str, Directive] = {
     "Include": ("any", _include, ("a file name",)),
-    "Import": ("world", _import, ("a file name",)),
     "Identity": ("any", lambda reader: _set_transform(reader, np.eye(4)), ()),
     "Translate": ("any", _concatenated(transforms.translate), (3,)),
     "Scale": ("any", _concatenated(transforms.scale), (3,)),

@@ -1,7 +1,7 @@
 """Lights of pbrt files: those without a shape, their skies, and the emission of area lights.
 
-The strength of a light is its colour times ``scale``; pbrt-v4 brings spectra to luminance 1 and has ``power`` (lumens)
-or ``illuminance`` (lux) in place of the light's own strength.
+The strength of a light is its colour times ``scale``; pbrt-v4 brings spectra to luminance 1. Its ``power`` and
+``illuminance``, in place of the light's own strength, are refused.
 """
 
 from __future__ import annotations
@@ -38,32 +38,28 @@ def scale_of(matrix: Floats, what: str, reason: str) -> float:
     return float(np.sqrt(factor))
 
 
-def _strength(p: ParameterSet, name: str, total: str, per_unit: float) -> Rgb:
-    """Return the intensity or radiance of a light whose colour is the parameter `name`.
-
-    In v4 `total` names the parameter of its power or illuminance, which is `per_unit` for a light of colour 1.
-    """
+def _strength(p: ParameterSet, name: str) -> Rgb:
+    """Return the intensity or radiance of a light whose colour is the parameter `name`."""
     colour = p.light(name)
-    if p.dialect != "v4":
-        scale = p.get("scale", *SPECTRUM_TYPES)
-        return rgb(np.multiply(colour, 1 if scale is None else scale.colour()))
-    factor, strength = p.number("scale", 1), p.number(total, -1)
-    return rgb((factor * (strength / per_unit) if strength > 0 else factor) * np.asarray(colour))
+    if p.dialect == "v4":
+        p.refuse(f"this is not supported; give the light its {name} and scale", "power", "illuminance")
+        return rgb(p.number("scale", 1) * np.asarray(colour))
+    scale = p.get("scale", *SPECTRUM_TYPES)
+    return rgb(np.multiply(colour, 1 if scale is None else scale.colour()))
 
 
 def emission(p: ParameterSet) -> Rgb:
     """Return the radiance of an ``AreaLightSource``."""
     if p.dialect == "v4":
         p.refuse("an image that emits is not supported", "filename")
-        p.refuse("the power of a shape is not supported; give its radiance L", "power")
-    return _strength(p, "L", "power", np.pi)
+    return _strength(p, "L")
 
 
 def _point(p: ParameterSet, to_world: Floats) -> Light:
     """Return a point light, at the parameter ``from``."""
     start = p.point("from", (0, 0, 0))
     moved = to_world[:3, :3] @ start if p.dialect == "v4" else start  # v2 and v3 add it in world space
-    return PointLight(rgb(moved + to_world[:3, 3]), _strength(p, "I", "power", 4 * np.pi))
+    return PointLight(rgb(moved + to_world[:3, 3]), _strength(p, "I"))
 
 
 def _spot(p: ParameterSet, to_world: Floats) -> Light:
@@ -73,14 +69,13 @@ def _spot(p: ParameterSet, to_world: Floats) -> Light:
     outer, delta = p.number("coneangle", 30), p.number("conedeltaangle", 5)
     position, direction = to_world[:3, :3] @ start + to_world[:3, 3], to_world[:3, :3] @ (end - start)
     inner = min(abs(outer - delta), outer)  # only its cosine counts
-    intensity = _strength(p, "I", "power", np.pi * (2 - np.cos(np.radians([outer, inner])).sum()))
-    return SpotLight(rgb(position), rgb(direction), intensity, outer, inner, p.dialect == "v4")
+    return SpotLight(rgb(position), rgb(direction), _strength(p, "I"), outer, inner, p.dialect == "v4")
 
 
 def _distant(p: ParameterSet, to_world: Floats) -> Light:
     """Return a light from the direction of ``from``, seen from ``to``."""
     start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
-    return DistantLight(rgb(to_world[:3, :3] @ (start - end)), _strength(p, "L", "illuminance", 1))
+    return DistantLight(rgb(to_world[:3, :3] @ (start - end)), _strength(p, "L"))
 
 
 def _infinite(p: ParameterSet, to_world: Floats) -> Light:
@@ -93,13 +88,11 @@ def _infinite(p: ParameterSet, to_world: Floats) -> Light:
     if p.dialect == "v4":
         p.refuse("portals are not supported; remove the parameter", "portal")
         if "filename" in p.items:
-            p.refuse("the illuminance of a map is not supported; give its scale", "illuminance")
             p.refuse("a light must have a map or L, not both", "L")
             texels = to_latitude_longitude(image(p, "filename"))
     elif "mapname" in p.items:
         texels = image(p, "mapname")
-    strength = _strength(p, "L", "illuminance", np.pi)
-    return EnvironmentLight(texels, rotation, strength, wrap="clamp" if p.dialect == "v4" else "repeat")
+    return EnvironmentLight(texels, rotation, _strength(p, "L"), wrap="clamp" if p.dialect == "v4" else "repeat")
 
 
 LIGHTS: dict[str, Callable[[ParameterSet, Floats], Light]] = {

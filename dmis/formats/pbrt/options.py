@@ -95,21 +95,11 @@ def _option(reader: Reader, p: ParameterSet) -> None:
         item.token.find("option", item.name, dict.fromkeys([*p.read_names, *IRRELEVANT["Option"]]))
 
 
-def _make_named_medium(reader: Reader, name: Token, p: ParameterSet) -> None:
-    """Refuse a medium that is not empty, because it changes the image."""
-    empty = p.string("type", "") == "homogeneous" and all(
-        (coefficient := p.get(key, "color", "rgb", "spectrum")) is not None and not any(coefficient.colour())
-        for key in ("sigma_a", "sigma_s")
-    )
-    reader.vacuums = reader.vacuums | {name.name} if empty else reader.vacuums - {name.name}
-    _unused(reader)
-
-
 def _medium_interface(reader: Reader, *names: Token | None) -> None:
-    """Refuse media that scatter or absorb: a vacuum changes nothing."""
+    """Refuse all media: a vacuum has no name."""
     for name in names:
-        if name is not None and name.text != '""' and name.name not in reader.vacuums:
-            raise name.error("a medium changes the image, and media are not supported; remove it to render a vacuum")
+        if name is not None and name.text != '""':
+            raise name.error('a medium changes the image, and media are not supported; write "" to render a vacuum')
     _unused(reader)
 
 
@@ -118,17 +108,11 @@ def _unused(reader: Reader, *arguments: object) -> None:
     reader.notes.add(UNUSED, reader.token.text, reader.token)
 
 
-def _volume(reader: Reader) -> None:
-    """Refuse any Volume line."""
-    raise reader.token.error("volumes are not supported")
-
-
 OPTIONS: dict[str, Directive] = {
     "TransformTimes": ("options", _unused, (2,)),
-    "Volume": ("world", _volume, ()),
     "Option": ("options", _option, (PARAMETERS,)),
     "ColorSpace": ("any", lambda reader, name: name.among("the colour space", ("srgb",)), ("a name",)),
-    "MakeNamedMedium": ("any", _make_named_medium, ("a name", KEPT)),
+    "MakeNamedMedium": ("any", _unused, ("a name", KEPT)),
     "MediumInterface": ("any", _medium_interface, ("the name of a medium", OPTIONAL)),
     "Camera": ("options", _camera, ("a kind of camera", KEPT)),
     "Film": ("options", _film, ("a kind of film", KEPT)),

@@ -71,7 +71,7 @@ class Shape:
 
 def make_shape(name: Token, parameters: ParameterSet, to_world: Floats, reverse: bool) -> Shape:
     """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform."""
-    name.among("a shape", [kind for kind in SHAPES if kind != "bilinearmesh" or name.dialect == "v4"])
+    name.among("a shape", SHAPES)
     if parameters.constant("shadowalpha", 1.0) != 1:
         parameters.refuse("shadows of another shape than the surface are not supported; use alpha", "shadowalpha")
     parameters.refuse("this is not supported; remove the parameter", "displacement", "emissionfilename", "S")
@@ -161,27 +161,6 @@ def _cylinder(p: ParameterSet) -> Quadric:
     return cylindrical(p.number("radius", 1), low, high, p.number("phimax", 360))
 
 
-def _bilinear(p: ParameterSet) -> Mesh:
-    """Return parallelograms as two triangles each; other bilinear patches, curved or with bilinear uv, are errors."""
-    points = p.required_table("P", "point", 3)
-    p.refuse("normals of a bilinearmesh are not supported; use a trianglemesh", "N")
-    whole = "indices" not in p.items and len(points) == 4
-    quads = np.arange(4)[None] if whole else p.indices(len(points), 4).astype(np.int64)
-    corners = points[quads]
-    table = p.table("uv", 2, "float", "point2", rows=len(points))
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    uv = np.broadcast_to(square, (len(quads), 4, 2)) if table is None else table[quads]
-    for name, values, scale in (
-        ("P", corners, np.abs(corners - corners[:, :1]).max()),
-        ("uv", uv, max(1.0, float(np.abs(uv).max()))),
-    ):
-        gap = values[:, 0] + values[:, 3] - values[:, 1] - values[:, 2]
-        if not np.allclose(gap, 0, atol=1e-6 * scale):
-            raise p.items[name].error("must make parallelograms of the patches of a bilinearmesh, in space and in uv")
-    faces = (4 * np.arange(len(quads))[:, None, None] + [[0, 1, 3], [0, 3, 2]]).reshape(-1, 3)
-    return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uv.reshape(-1, 2))
-
-
 SHAPES: dict[str, Callable[[ParameterSet], Mesh | Quadric]] = {
     "trianglemesh": _triangles,
     "plymesh": _file,
@@ -189,7 +168,6 @@ SHAPES: dict[str, Callable[[ParameterSet], Mesh | Quadric]] = {
     "sphere": _sphere,
     "disk": _disk,
     "cylinder": _cylinder,
-    "bilinearmesh": _bilinear,
 }
 """Functions that make surfaces, by the kind of shape."""
 

@@ -120,7 +120,7 @@ def _words(source: Source) -> Iterator[Token]:
             open_files.pop()
             continue
         yield token
-        if before in ("Include", "Import") and token.kind == "string":
+        if before == "Include" and token.kind == "string":
             with suppress(ValueError, OSError):
                 path = token.file(token.name)
                 if path.resolve() not in read and len(read) < MAX_FILES:

@@ -18,7 +18,7 @@ from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.make_material import make_material
 from dmis.formats.pbrt.notes import Notes, Refusals
-from dmis.formats.pbrt.parameters import Parameter, ParameterSet, Textures
+from dmis.formats.pbrt.parameters import ParameterSet, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.pbrt_shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
@@ -57,8 +57,6 @@ class State:
         Materials and textures by name.
     area_light
         Parameters of the AreaLightSource line; None if shapes do not emit.
-    added
-        Parameters that Attribute lines add, by the kind of object: shape, light, material, medium or texture.
     """
 
     to_world: Floats
@@ -68,7 +66,6 @@ class State:
     named_materials: Mapping[str, Material] = field(default_factory=dict)
     textures: Textures = field(default_factory=dict)
     area_light: ParameterSet | None = None
-    added: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
 
 
 class Reader:
@@ -91,7 +88,6 @@ class Reader:
         """Whether a Renderer line decides about the integrator."""
         self.samples = SampleRequests(self.dialect.name)
         self.filter = self.dialect.filter
-        self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing
         self.to_camera, self.camera_kind = np.eye(4), "perspective"

@@ -20,7 +20,7 @@ SAMPLER_NAMES = {
     "independent": "independent",
 }
 """Samplers of dmis by the names of pbrt's."""
-ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist", "adaptive")
+ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist")
 """pbrt's samplers that round numbers of samples up to powers of two."""
 
 
@@ -41,8 +41,6 @@ class SampleRequests:
         name, (count, side) = line.name, (4, 2) if self._dialect == "v2" else (16, 4)
         if name == "stratified":
             spp = _whole(p, "xsamples", side) * _whole(p, "ysamples", side)
-        elif name == "adaptive":
-            spp = _whole(p, "maxsamples", 32)
         else:
             spp = _whole(p, "pixelsamples", 4 if name == "random" else count)
         self._sampler, self._spp = name, power_of_two(spp) if name in ROUNDED else spp

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from dmis.base.color import LUMINANCE, Rgb, blackbody_to_rgb, spectrum_to_rgb, xyz_to_rgb
+from dmis.base.color import LUMINANCE, Rgb, blackbody_to_rgb, spectrum_to_rgb
 from dmis.base.vectors import Floats
 from dmis.brdf.materials import COPPER_ETA, COPPER_K
 
@@ -25,10 +25,6 @@ _METALS: dict[str, tuple[Rgb, Rgb]] = {
     "Ag": ((0.155265, 0.116723, 0.138381), (4.828343, 3.122246, 2.147050)),
     "Al": ((1.657460, 0.880369, 0.521229), (9.223869, 6.269523, 4.837001)),
 }
-_ILLUMINANTS = """A .44757 .40745 D50 .34567 .35850 F1 .31310 .33727 F2 .37208 .37529 F3 .40910 .39430 F4 .44018 .40329
-F5 .31379 .34531 F6 .37790 .38835 F7 .31292 .32933 F8 .34588 .35875 F9 .37417 .37281 F10 .34609 .35986 F11 .38052 .37713
-F12 .43695 .40441""".split()
-"""Names of standard illuminants with their CIE 1931 chromaticities x and y."""
 GLASSES = {"BK7": 1.5168, "BAF10": 1.67, "FK51A": 1.4866, "LASF9": 1.8503, "F5": 1.6727, "F10": 1.7283, "F11": 1.7847}
 GLASSES = {f"glass-{name}": index for name, index in GLASSES.items()}
 """Indices of refraction of glasses of v4 at 587.6 nm."""
@@ -73,15 +69,12 @@ def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
 @cache
 def _v4_named() -> dict[str, Rgb]:
     balance = 1 / _white()
-    named = {
+    metals = {
         f"metal-{metal}-{what}": _times(value, balance)
         for metal, values in _METALS.items()
         for what, value in zip(("eta", "k"), values, strict=True)
     }
-    for name, *place in zip(*(_ILLUMINANTS[k::3] for k in range(3)), strict=True):
-        x, y = map(float, place)
-        named[f"stdillum-{name}"] = luminous(xyz_to_rgb([x / y, 1, (1 - x - y) / y]))
-    return named | {"stdillum-D65": (1.0, 1.0, 1.0)}
+    return metals | {"stdillum-D65": (1.0, 1.0, 1.0)}
 
 
 SPECTRA = {

@@ -1,14 +1,13 @@
 """Textures of pbrt files, made from parameter lists, and images.
 
 The first row of an image is t = 0 in pbrt-v2, and t = 1 in v3 and v4. A texel is (scale * texel) ^ gamma in v2. Files
-of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is linear or an exponent ("gamma 2.2"), and
-in textures of v3, unless ``gamma`` is false, but not in v2 and in skies of v3. A float texture takes the luminance of
-an image, in v3 before it is decoded; in v4 its opacity, if it has any, or its mean.
+of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is linear, and in textures of v3, unless
+``gamma`` is false, but not in v2 and in skies of v3. A float texture takes the luminance of an image, in v3 before it
+is decoded; in v4 its opacity, if it has any, or its mean.
 """
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
@@ -82,10 +81,8 @@ def _imagemap(kind: str, name: Token, p: ParameterSet) -> Image:
     offset = p.number("udelta", 0), p.number("vdelta", 0)
     factor, v4 = p.number("scale", 1), p.dialect == "v4"
     gamma = p.number("gamma", 1) if p.dialect == "v2" else 1.0
-    encoded, exponent, grey = _is_encoded(p), _exponent(p), kind == "float"
+    encoded, grey = _is_encoded(p), kind == "float"
     texels = image(p, "filename", encoded and (v4 or not grey), alpha=v4 and grey)
-    if exponent != 1:
-        texels[..., :3] **= exponent
     texels = texels.astype(np.float32 if factor == gamma == 1 else float, copy=False)
     if p.dialect != "v2":
         texels = texels[::-1]
@@ -95,11 +92,10 @@ def _imagemap(kind: str, name: Token, p: ParameterSet) -> Image:
     elif grey:
         texels = srgb_to_linear(texels @ LUMINANCE[:, None]) if encoded else texels @ LUMINANCE[:, None]
     texels = texels if factor == 1 else factor * texels
-    invert = v4 and p.boolean("invert", False)
-    if invert and wrap == "black":
-        raise p.items["invert"].error("must be false if wrap is black, because it is white outside of the image then")
-    if invert or (v4 and kind == "color"):
-        texels = np.maximum(1 - texels if invert else texels, 0)
+    if v4:
+        p.require({"invert": False})
+    if v4 and not grey:
+        texels = np.maximum(texels, 0)
     texels = texels if gamma == 1 else np.maximum(texels, 0) ** gamma
     with blame(name):
         return Image(texels.astype(np.float32, copy=False), size, offset, wrap)  # type: ignore[arg-type]
@@ -111,19 +107,8 @@ def _is_encoded(p: ParameterSet) -> bool:
         p.require({"gamma": False} if p.dialect == "v3" else {"encoding": "linear"} if p.dialect == "v4" else {})
         return False
     if p.dialect == "v4":
-        return p.string("encoding", "sRGB") == "sRGB"
+        return p.string("encoding", "sRGB", ("sRGB", "linear")) == "sRGB"
     return p.dialect == "v3" and p.boolean("gamma", True)
-
-
-def _exponent(p: ParameterSet) -> float:
-    """Return the exponent of v4's ``encoding``, such as "gamma 2.2"; 1 if it is a name."""
-    encoding = p.string("encoding", "sRGB") if p.dialect == "v4" else "linear"
-    if encoding in ("sRGB", "linear"):
-        return 1.0
-    number = re.fullmatch(r"gamma (\d*\.?\d+)", encoding)
-    if number is None or not float(number[1]):
-        raise p.items["encoding"].error(f'must be sRGB, linear or such as "gamma 2.2"; got {encoding!r}')
-    return float(number[1])
 
 
 def image(p: ParameterSet, name: str, encoded: bool | None = None, alpha: bool = False) -> Array:

@@ -16,13 +16,6 @@ from dmis.formats.pbrt.reader import KEPT, PARAMETERS, Directive, Reader
 from dmis.formats.pbrt.tokens import Token
 
 
-def _attribute(reader: Reader, kind: Token, p: ParameterSet) -> None:
-    """Add parameters to the later objects of a kind in this block."""
-    kind.among("the kind of an Attribute", ("shape", "light", "material", "medium", "texture"))
-    items = {**reader.state.added.get(kind.name, {}), **p.items}
-    reader.change(added={**reader.state.added, kind.name: items})
-
-
 def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: ParameterSet) -> None:
     from dmis.formats.pbrt.textures import make_texture
 
@@ -140,7 +133,6 @@ def _object_instance(reader: Reader, name: Token) -> None:
 
 
 WORLD: dict[str, Directive] = {
-    "Attribute": ("world", _attribute, ("shape, light, material, medium or texture", KEPT)),
     "Texture": ("world", _texture, ("a name", "a type, float or color,", "a class, such as imagemap,", PARAMETERS)),
     "Material": ("world", _material, ("a kind of material", KEPT)),
     "MakeNamedMaterial": ("world", _make_named_material, ("a name", PARAMETERS)),

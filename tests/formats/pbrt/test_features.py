@@ -10,6 +10,7 @@ from dmis.brdf.relief import BumpMap, NormalMap
 from dmis.formats.pbrt.lights import sphere_to_square, to_latitude_longitude
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.spectra import GLASSES
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.image import write_exr
 from dmis.light.light_sample import LightSample
@@ -180,6 +181,8 @@ def test_dispersion_is_left_out(read):
     with pytest.warns(PbrtWarning, match="index of refraction that differs with the wavelength.*'eta' of Material"):
         glass = lobes(read("v4", 'Material "dielectric" "spectrum eta" "glass-BK7"'))
     assert glass[0].fresnel.eta == 1.5168
+    indices = 1.51680, 1.67003, 1.48656, 1.85025, 1.67271, 1.72828, 1.78472  # Schott's, at 587.6 nm
+    np.testing.assert_allclose(list(GLASSES.values()), indices, atol=1e-4)
 
 
 def test_spots_of_v4_fall_off_smoothly(read):

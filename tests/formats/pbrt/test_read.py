@@ -695,7 +695,7 @@ BAD_WORLDS = [
     ("\nTransformBegin", 4, "token WorldEnd: TransformBegin of line 4 is still open"),
     ('Camera "perspective"', 1, "token Camera: Camera must stand before WorldBegin"),
     ("TRIANGLE\nWorldEnd\nIdentity", 3, "token Identity: nothing may follow WorldEnd"),
-    ('Volume "homogeneous"', 1, "volumes are not supported"),
+    ('Volume "homogeneous"', 1, "Volume is not supported; remove it"),
     ('Material "metal" "float roughness" -1', 1, "parameter 'roughness' must not be negative"),
     ('Shape "sphere" "float radius" -1', 1, 'token "sphere": radius must be positive'),
     ('ObjectBegin "a" ObjectBegin "b"', 1, "must not be defined within another"),
