@@ -2,9 +2,9 @@
 
 Each kind of case is a function of a source of random numbers and a folder with good files, which damages one of them,
 hands it to the library, and lets through what is allowed: a result, or the library's own error. Everything else is
-raised. `tests/test_fuzz.py` runs a sample of them; run by itself this file runs many, in child processes, so that a
-crash of the interpreter, a case of more than `SECONDS` of computing and one whose process holds more than `MEMORY`, the
-interpreter included, are found too.
+raised. `tests/test_fuzz.py` runs a sample of them; run by itself this file runs many, with limits: a case of more than
+`SECONDS` of computing, or whose process holds more than `MEMORY`, the interpreter included, fails too. The last case
+that is named is that at which the interpreter crashed.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ import copy
 import gzip
 import io
 import json
-import multiprocessing
-import os
 import random
 import re
 import resource
@@ -61,8 +59,6 @@ SECONDS = 5.0
 """Most that a case may take of its process's time: the machine may be busy."""
 MEMORY = 2**30
 """Most memory that the process of a case may hold, and a quarter of the addresses that it may ask for."""
-BATCH = 500
-"""Cases of a child process."""
 
 intersect.CHECK_RAYS = True
 
@@ -404,11 +400,7 @@ def command(rng: random.Random, folder: Path) -> None:
             code = stop.code
         if not (folder / "scene.pbrt").read_bytes() == before:
             (folder / "scene.pbrt").write_bytes(before)
-    judge(words, code, err.getvalue())
-
-
-def judge(words: list[str], code: object, said: str) -> None:
-    """Whether a command ended as it should."""
+    said = err.getvalue()
     assert code in (0, 2), (words, code, said)
     assert "Traceback" not in said, (words, said)
     if code == 2:
@@ -416,24 +408,7 @@ def judge(words: list[str], code: object, said: str) -> None:
         assert max(map(len, said.split("\n"))) < 9000, (words, len(said))
 
 
-def process(rng: random.Random, folder: Path) -> None:
-    """The command line in a process of its own."""
-    import subprocess
-
-    words = arguments(rng)
-    done = subprocess.run(
-        [sys.executable, "-m", "dmis", *words],
-        cwd=folder,
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
-        timeout=120,
-    )
-    judge(words, done.returncode, done.stderr.decode("utf-8", "replace"))
-
-
-KINDS = {
-    one.__name__: one for one in (parser, rendering, mesh, picture, image, array, spectrum, rule, command, process)
-}  # fmt: skip
+KINDS = {one.__name__: one for one in (parser, rendering, mesh, picture, image, array, spectrum, rule, command)}
 
 
 @contextlib.contextmanager
@@ -458,61 +433,38 @@ def run(kind: str, seed: int, k: int, folder: Path) -> None:
     KINDS[kind](random.Random(f"{kind} {seed} {k}"), folder)
 
 
-def batch(kind: str, seed: int, cases: range, folder: Path, numbers: Numbers) -> None:
-    """Cases in this process, with limits; failures are printed."""
+def bulk(kind: str, count: int, seed: int, first: int = 0) -> int:
+    """Run many cases with limits, print failures, and return their number."""
 
     def late(*_: object) -> None:
         raise Hang(f"more than {SECONDS} s of computing")
 
+    begin, failures, slowest, most = time.time(), 0, 0.0, 0.0
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     signal.signal(signal.SIGPROF, late)
-    resource.setrlimit(resource.RLIMIT_AS, (4 * MEMORY, 4 * MEMORY))
-    warnings.simplefilter("error")
-    for k in cases:
-        numbers.case.value = k
-        signal.setitimer(signal.ITIMER_PROF, SECONDS)
-        signal.alarm(300)
-        Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
-        begin = time.process_time()
-        try:
-            run(kind, seed, k, folder)
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-            numbers.megabytes.value = max(numbers.megabytes.value, peak)
-            assert peak <= MEMORY / 2**20, f"{peak:.0f} MB of memory"
-        except (Exception, Hang, SystemExit) as error:
-            where = "".join(traceback.format_tb(error.__traceback__)[-3:])
-            text = f"\n{kind} {seed} {k}: {type(error).__name__}: {str(error)[:1500]}\n{where}"
-            os.write(2, text.encode("utf-8", "replace"))
-            numbers.failures.value += 1
-        finally:
-            signal.setitimer(signal.ITIMER_PROF, 0)
-        numbers.seconds.value = max(numbers.seconds.value, time.process_time() - begin)
-
-
-class Numbers:
-    """What a child process tells, also if it dies: the case at hand, failures, most seconds and memory of a case."""
-
-    def __init__(self, fork: Any) -> None:
-        self.case, self.failures = fork.Value("q", -1), fork.Value("q", 0)
-        self.seconds, self.megabytes = fork.Value("d", 0), fork.Value("d", 0)
-
-
-def bulk(kind: str, count: int, seed: int, first: int = 0) -> int:
-    """Many cases in child processes; the number of failures."""
-    begin, fork = time.time(), multiprocessing.get_context("fork")
-    numbers = Numbers(fork)
-    with tempfile.TemporaryDirectory() as name, small():
+    with tempfile.TemporaryDirectory() as name, small(), warnings.catch_warnings(action="error"):
         prepare(Path(name))
-        for start in range(first, first + count, BATCH):
-            cases = range(start, min(start + BATCH, first + count))
-            child = fork.Process(target=batch, args=(kind, seed, cases, Path(name), numbers))
-            child.start()
-            child.join()
-            if child.exitcode:
-                numbers.failures.value += 1
-                print(f"{kind} {seed} {numbers.case.value}: the process died, {child.exitcode}", file=sys.stderr)
-    failures, seconds = numbers.failures.value, time.time() - begin
-    most = f"slowest {numbers.seconds.value:.2f} s, at most {numbers.megabytes.value:.0f} MB"
-    print(f"{count} cases of {kind}, seed {seed}: {failures} failures, {seconds:.0f} s, {most}")
+        resource.setrlimit(resource.RLIMIT_AS, (4 * MEMORY, hard))
+        for k in range(first, first + count):
+            print(f"\r{kind} {seed} {k}", end="", file=sys.stderr)
+            signal.setitimer(signal.ITIMER_PROF, SECONDS)
+            Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+            start = time.process_time()
+            try:
+                run(kind, seed, k, Path(name))
+                peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 2**10
+                most = max(most, peak)
+                assert peak <= MEMORY, f"{peak / 2**20:.0f} MB of memory"
+            except (Exception, Hang, SystemExit) as error:
+                where = "".join(traceback.format_tb(error.__traceback__)[-3:])
+                print(f": {type(error).__name__}: {str(error)[:1500]}\n{where}", file=sys.stderr)
+                failures += 1
+            finally:
+                signal.setitimer(signal.ITIMER_PROF, 0)
+            slowest = max(slowest, time.process_time() - start)
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+    numbers = f"{time.time() - begin:.0f} s, slowest {slowest:.2f} s, at most {most / 2**20:.0f} MB"
+    print(f"\n{count} cases of {kind}, seed {seed}: {failures} failures, {numbers}")
     return failures
 
 
