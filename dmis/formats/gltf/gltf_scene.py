@@ -25,11 +25,6 @@ from dmis.scene.camera import Camera
 
 HEIGHT = 480
 """Pixels of the height of an image by a camera of the file."""
-_LOOKS = {
-    "EXT_mesh_gpu_instancing": " (one copy of each mesh is shown)",
-    "KHR_materials_unlit": " (its surfaces are matte and lit)",
-}
-"""What looks different without an extension that is not read."""
 
 
 def read_gltf(data: bytes, model: Model) -> None:
@@ -63,7 +58,7 @@ def read_gltf(data: bytes, model: Model) -> None:
             lights = gltf.json["extensions"]["KHR_lights_punctual"]["lights"]
             model.lights.append(_light(lights[of_node["light"]], matrix))
     model.unread["animation"] += len(gltf.json.get("animations", []))
-    model.unread.update(f"extension {name}{_LOOKS.get(name, '')}" for name in gltf.unread_extensions("extensionsUsed"))
+    model.unread.update(f"extension {name}" for name in gltf.unread_extensions("extensionsUsed"))
 
 
 def _with_colours(materials: Materials, material: int | None, mesh: Mesh, given: Floats) -> tuple[Mesh, Any]:

@@ -177,9 +177,8 @@ def make_camera(reader: Reader) -> Camera:
 def _window(p: ParameterSet, ratio: float) -> float:
     """Return the factor by which the screen window is larger than that of an image of the aspect `ratio`."""
     square = np.array([-max(ratio, 1), max(ratio, 1), -max(1 / ratio, 1), max(1 / ratio, 1)])
-    aspect, window = p.table("frameaspectratio", 1, "float"), p.table("screenwindow", 4, "float")
-    if aspect is not None and not np.isclose(aspect[0, 0], ratio, rtol=1e-6):
-        raise p.items["frameaspectratio"].error(f"must be that of square pixels, [{ratio:g}]")
+    p.refuse("pixels that are not square are not supported; remove the parameter", "frameaspectratio")
+    window = p.table("screenwindow", 4, "float")
     factor = 1.0 if window is None else float(window[0, 3] / square[3])
     if window is not None and not (factor > 0 and np.allclose(window, square * factor, rtol=1e-6)):
         text = " ".join(f"{number:g}" for number in square)

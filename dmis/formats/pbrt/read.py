@@ -47,7 +47,7 @@ import numpy as np
 
 from dmis.base.validate import did_you_mean, one_of
 from dmis.formats.pbrt.dialect import DIALECTS, detect
-from dmis.formats.pbrt.directives import MAX_FILES, carry_out
+from dmis.formats.pbrt.directives import MAX_FILES, MAX_INCLUDES, carry_out
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.options import make_camera
 from dmis.formats.pbrt.reader import Reader
@@ -84,7 +84,7 @@ def read_pbrt(
     if resolution is not None:
         resolution = Camera(np.eye(4), 90.0, resolution).resolution
     source = Source.read(path, outside)
-    guess, fits = detect(_words(source))
+    guess, fits = detect(_words(source, {path.resolve()}))
     chosen = guess if dialect is None else DIALECTS[dialect]
     reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
     reader = Reader(replace(source, dialect=chosen), resolution)
@@ -109,21 +109,15 @@ def read_pbrt(
     return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
 
 
-def _words(source: Source) -> Iterator[Token]:
+def _words(source: Source, read: set[Path], depth: int = 0) -> Iterator[Token]:
     """Yield the tokens of a file and of those it includes, each file once; the reader reports files that fail."""
-    read = {source.path.resolve()}
-    open_files = [tokens_of(source)]
     before = ""
-    while open_files:
-        token = next(open_files[-1], None)
-        if token is None:
-            open_files.pop()
-            continue
+    for token in tokens_of(source):
         yield token
-        if before == "Include" and token.kind == "string":
+        if before == "Include" and token.kind == "string" and depth < MAX_INCLUDES:
             with suppress(ValueError, OSError):
                 path = token.file(token.name)
                 if path.resolve() not in read and len(read) < MAX_FILES:
                     read.add(path.resolve())
-                    open_files.append(tokens_of(token.source.include(path)))
+                    yield from _words(token.source.include(path), read, depth + 1)
         before = token.text

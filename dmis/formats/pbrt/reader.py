@@ -86,7 +86,7 @@ class Reader:
         self.integrator = "direct" if self.dialect.name == "v2" else "path", DEFAULT_DEPTH
         self.metropolis = False
         """Whether a Renderer line decides about the integrator."""
-        self.samples = SampleRequests(self.dialect.name)
+        self.samples = SampleRequests()
         self.filter = self.dialect.filter
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing

@@ -27,8 +27,7 @@ ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist")
 class SampleRequests:
     """The sampler and the numbers of samples that the lines of a file ask for."""
 
-    def __init__(self, dialect: str) -> None:
-        self._dialect = dialect
+    def __init__(self) -> None:
         self._sampler: str | None = None
         self._spp: int | None = None
         self.strategy: str | None = None
@@ -38,7 +37,7 @@ class SampleRequests:
 
     def read_sampler(self, line: Token, p: ParameterSet) -> None:
         """Read a Sampler line, whose string is `line`."""
-        name, (count, side) = line.name, (4, 2) if self._dialect == "v2" else (16, 4)
+        name, (count, side) = line.name, (4, 2) if p.dialect == "v2" else (16, 4)
         if name == "stratified":
             spp = _whole(p, "xsamples", side) * _whole(p, "ysamples", side)
         else:
@@ -47,10 +46,10 @@ class SampleRequests:
 
     def of_light(self, p: ParameterSet) -> int:
         """Return the number of samples that a light asks for, rounded as the file's sampler does."""
-        number = _whole(p, "nsamples", 1) if self._dialect != "v4" else 1
-        number = _whole(p, "samples", number) if self._dialect == "v3" else number
+        number = _whole(p, "nsamples", 1) if p.dialect != "v4" else 1
+        number = _whole(p, "samples", number) if p.dialect == "v3" else number
         # without a Sampler line pbrt-v2 takes lowdiscrepancy
-        rounded = self._sampler in ROUNDED or (self._sampler is None and self._dialect == "v2")
+        rounded = self._sampler in ROUNDED or (self._sampler is None and p.dialect == "v2")
         return power_of_two(number) if rounded else number
 
     def suggestions(self, integrator: tuple[str, int], lights: Sequence[Light | None]) -> Suggestions:

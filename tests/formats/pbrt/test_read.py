@@ -630,7 +630,7 @@ BAD_OPTIONS = [
     ("LookAt 1 2 3 4 5 6 7 8", 2, "token WorldBegin: LookAt needs 9 numbers; got 8"),
     ('Camera "perspective" "integer fov" 60', 1, "parameter 'fov' must be of type float; got integer"),
     ('Film "image" "integer xresolution" 2.5', 1, "needs whole numbers below 2**31"),
-    ('Camera "perspective" "float frameaspectratio" 1', 1, "must be that of square pixels, [1.33333]"),
+    ('Camera "perspective" "float frameaspectratio" 1', 1, "pixels that are not square are not supported"),
     ('Camera "perspective" "float screenwindow" [0 1 0 1]', 1, "'screenwindow' must be that of square pixels,"),
     ('\nCamera "perspective" "float fov" 180', 2, "token Camera: fov must be between 0 and 180"),
     ('Film "image" "float cropwindow" [0 1.5 0 1]', 1, "'cropwindow' must be four shares of the image"),
