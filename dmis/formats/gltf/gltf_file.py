@@ -187,7 +187,8 @@ class Gltf:
         """Return the triangles of a primitive moved by `matrix`, and the colours of their vertices."""
         names = "POSITION", "NORMAL", f"TEXCOORD_{texture_set}", "COLOR_0"
         numbers = (primitive["attributes"].get(name) for name in names)
-        vertices, given, uv, colours = (None if k is None else np.asarray(self.array(k), float) for k in numbers)
+        arrays: Any = (None if k is None else np.asarray(self.array(k), float) for k in numbers)
+        vertices, given, uv, colours = arrays
         index = self.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
         faces = index[: len(index) // 3 * 3].reshape(-1, 3)
         linear = matrix[:3, :3]

@@ -1,7 +1,7 @@
 """The dialects of the pbrt format as data: their names, their defaults, and the words that tell them apart.
 
 Directives and words that all dialects share are not listed here. The materials, lights and spectra of a dialect are in
-`materials_v2` to `materials_v4`, `lights` and `spectra`.
+`make_material`, `materials_v3`, `materials_v4`, `lights` and `spectra`.
 """
 
 from __future__ import annotations

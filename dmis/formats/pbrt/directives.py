@@ -1,6 +1,6 @@
 """Execution of pbrt's directives on a `dmis.formats.pbrt.reader.Reader`: of files, transforms and blocks.
 
-A `Cursor` reads their arguments. The other directives are in `dmis.formats.pbrt.options` and `dmis.formats.pbrt.world`.
+A `Cursor` reads their arguments. Other directives are in `dmis.formats.pbrt.options` and `dmis.formats.pbrt.reader`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import DIALECTS, SAME_TYPE, V4
 from dmis.formats.pbrt.options import OPTIONS
 from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, ParameterSet
-from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, WORD, Directive, Reader
+from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, WORD, WORLD, Directive, Reader
 from dmis.formats.pbrt.tokens import Source, Token, blame, either, is_number, tokens_of, values_of
-from dmis.formats.pbrt.world import WORLD
 from dmis.geometry import transforms
 
 MAX_FILES = 10_000

@@ -21,7 +21,6 @@ from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.texture import Image, scale
-from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
 from dmis.formats.pbrt.parameters import ParameterSet, rgb
 
 _V3_ALPHA = 0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142
@@ -152,8 +151,6 @@ def _translucent(p: ParameterSet) -> Material:
 
 
 V3_MATERIALS: dict[str, Callable[[ParameterSet], Material] | None] = {
-    "matte": V2_MATERIALS["matte"],
-    "mirror": V2_MATERIALS["mirror"],
     "glass": lambda p: refractive(p, p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index())),
     "plastic": _plastic,
     "uber": _uber,
@@ -164,4 +161,4 @@ V3_MATERIALS: dict[str, Callable[[ParameterSet], Material] | None] = {
     "translucent": _translucent,
     "mix": None,
 }
-"""Functions that make materials, by name; None for a mix of two others."""
+"""Functions that make materials unlike those of v2, by name; None for a mix of two others."""

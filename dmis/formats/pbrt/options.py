@@ -15,11 +15,22 @@ from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import IRRELEVANT, V2, V4
 from dmis.formats.pbrt.notes import UNUSED
 from dmis.formats.pbrt.parameters import ParameterSet
-from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader
+from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader, power_of_two
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.camera import Camera
 from dmis.scene.suggestions import MAX_DEPTH
+
+SAMPLERS = {
+    "lowdiscrepancy": "lowdiscrepancy",
+    "02sequence": "lowdiscrepancy",
+    "stratified": "stratified",
+    "random": "independent",
+    "independent": "independent",
+}
+"""Samplers of dmis by the names of pbrt's."""
+ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist")
+"""pbrt's samplers that round numbers of samples up to powers of two."""
 
 
 def _camera(reader: Reader, name: Token, p: ParameterSet) -> None:
@@ -55,6 +66,22 @@ def _pixel_filter(reader: Reader, name: Token, p: ParameterSet) -> None:
     reader.filter = None if pixel_filter == PixelFilter("box", (0.5, 0.5)) else pixel_filter
 
 
+def _sampler(reader: Reader, name: Token, p: ParameterSet) -> None:
+    """Suggest the sampler and its camera samples, which do not change the expected image, so no number is refused."""
+    count, side = (4, 2) if reader.dialect is V2 else (16, 4)
+    if name.name == "stratified":
+        spp = p.request("xsamples", side) * p.request("ysamples", side)
+    else:
+        spp = p.request("pixelsamples", 4 if name.name == "random" else count)
+    reader.rounds = name.name in ROUNDED
+    reader.suggested = replace(
+        reader.suggested,
+        sampler=SAMPLERS.get(name.name),
+        spp=power_of_two(spp) if reader.rounds else spp,
+        unmet=() if name.name in SAMPLERS else (f"sampler {name.name}",),
+    )
+
+
 def _integrator(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Set the integrator and the depth that the file suggests, and note what its own image lacks."""
     dialect = reader.dialect
@@ -66,26 +93,31 @@ def _integrator(reader: Reader, name: Token, p: ParameterSet) -> None:
     if name.name in biased:
         reader.notes.add("rendered as path, because pbrt's own image is biased", f"integrator {name.text}", name)
     if name.name in direct:
-        reader.samples.strategy = p.string("strategy", "all", ("all", "one"))
+        strategy = p.string("strategy", "all", ("all", "one"))
         depth = max(depth, 1)  # none is left out at depth 0 either
     else:
         # In pbrt-v2 the light at vertices 0 to maxdepth is gathered before the loop is left (integrators/path.cpp), in
         # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
         # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike). Bidirectional paths have s + t - 2
         # surfaces between camera and light, which `bdpt` and `mlt` bound by maxdepth.
-        reader.samples.strategy, depth = "one", depth + (dialect is V2)
+        strategy = "one"
+        depth += dialect is V2
     if not 1 <= depth <= MAX_DEPTH:
         rule = f"must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen"
         raise p.items["maxdepth"].token.error(f"maxdepth {rule}; here it is {depth}")
+    reader.suggested = replace(reader.suggested, lights=strategy)
     if not reader.metropolis:
-        reader.integrator = ("direct" if name.name in direct else "path"), depth
+        kind = "direct" if name.name in direct else "path"
+        reader.suggested = replace(reader.suggested, integrator=kind, max_depth=depth)
 
 
 def _renderer(reader: Reader, name: Token, p: ParameterSet) -> None:
     """Set path tracing, if the renderer is Metropolis's."""
     name.among("the renderer", ("sampler", "metropolis"))
     if name.name == "metropolis":  # of paths of v2 with at most maxdepth surfaces, whatever the SurfaceIntegrator
-        reader.metropolis, reader.integrator = True, ("path", min(max(p.integer("maxdepth", 7), 1), MAX_DEPTH))
+        reader.metropolis = True
+        depth = min(max(p.integer("maxdepth", 7), 1), MAX_DEPTH)
+        reader.suggested = replace(reader.suggested, integrator="path", max_depth=depth)
 
 
 def _option(reader: Reader, p: ParameterSet) -> None:
@@ -117,7 +149,7 @@ OPTIONS: dict[str, Directive] = {
     "Camera": ("options", _camera, ("a kind of camera", KEPT)),
     "Film": ("options", _film, ("a kind of film", KEPT)),
     "PixelFilter": ("options", _pixel_filter, ("a kind of filter", PARAMETERS)),
-    "Sampler": ("options", lambda reader, *line: reader.samples.read_sampler(*line), ("a kind of sampler", PARAMETERS)),
+    "Sampler": ("options", _sampler, ("a kind of sampler", PARAMETERS)),
     "SurfaceIntegrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
     "Integrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
     "VolumeIntegrator": ("options", _unused, ("a kind", KEPT)),

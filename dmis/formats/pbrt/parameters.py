@@ -271,6 +271,14 @@ class ParameterSet:
             raise self.items[name].error(f"must be positive, because it is a ratio of speeds; got {value:g}")
         return value
 
+    def request(self, name: str, default: int) -> int:
+        """Return the positive integer `name`, which changes no image: the default if it is absent or something else."""
+        parameter = self.items.get(name)
+        if parameter is None or parameter.kind != "integer" or len(parameter.values) != 1 or parameter.numbers[0] < 1:
+            return default
+        self.read_names.add(name)
+        return int(parameter.numbers[0])
+
     def require(self, values: Mapping[str, Any]) -> None:
         """Raise a `PbrtError` if one of these parameters has another value."""
         for name, value in values.items():
