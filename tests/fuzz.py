@@ -37,7 +37,7 @@ from unittest import mock
 import numpy as np
 import trimesh
 from fuzz_commands import arguments, rule_text
-from fuzz_scenes import MADE, NUMBERS, PARAMETERS, SCENES, SMALL, TEXTS, TRIANGLE, generated, mutated, token
+from fuzz_scenes import MADE, NUMBERS, PARAMETERS, SCENES, SMALL, TEXTS, TRIANGLE, mutated, token
 from PIL import Image as PIL
 
 import dmis
@@ -163,9 +163,8 @@ Ni 1.3
 
 def parser(rng: random.Random, folder: Path) -> None:
     """A scene file: a scene, or an error that names file, line and token."""
-    kind = rng.randrange(9)
-    text = generated(rng) if kind < 4 else mutated(rng, rng.choice(TEXTS))
-    if kind == 8:
+    text = mutated(rng, rng.choice(TEXTS))
+    if rng.random() < 0.1:
         text = "".join(token(rng) + " " for _ in range(rng.randint(0, 12)))
     dialect = rng.choice([None, None, *DIALECTS])
     if rng.random() < 0.05:
@@ -350,24 +349,6 @@ def image(rng: random.Random, folder: Path) -> None:
     read(folder, sky.replace("Shape", 'Texture "t" "color" "imagemap" "string filename" "case.exr" Shape'))
 
 
-def array(rng: random.Random, folder: Path) -> None:
-    """A reference as a NumPy file."""
-    path = folder / "case.npy"
-    path.write_bytes(damaged(rng, (folder / "good/i.npy").read_bytes()))
-    try:
-        load_reference(path)
-    except ValueError as error:
-        assert str(path) in str(error), error
-
-
-def spectrum(rng: random.Random, folder: Path) -> None:
-    """A file of a spectrum, used by a scene."""
-    pieces = [rng.choice([*NUMBERS, "400", "500", "600", "\n", "#", "x", "\0"]) for _ in range(rng.randint(0, 8))]
-    (folder / "case.spd").write_text(" ".join(pieces))
-    use = rng.choice(['Material "matte" "spectrum Kd"', 'LightSource "point" "spectrum I"'])
-    read(folder, f'WorldBegin {use} "case.spd" Shape {TRIANGLE} WorldEnd', rng.choice(["v2", None]))
-
-
 # The command line
 
 
@@ -408,7 +389,7 @@ def command(rng: random.Random, folder: Path) -> None:
         assert max(map(len, said.split("\n"))) < 9000, (words, len(said))
 
 
-KINDS = {one.__name__: one for one in (parser, rendering, mesh, picture, image, array, spectrum, rule, command)}
+KINDS = {one.__name__: one for one in (parser, rendering, mesh, picture, image, rule, command)}
 
 
 @contextlib.contextmanager

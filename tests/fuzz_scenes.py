@@ -28,11 +28,6 @@ TEXTS = [TOKEN.findall(path.read_text()) for path in sorted(SCENES.glob("*.pbrt"
 TEXTS += [TOKEN.findall(V3), TOKEN.findall(V4)]
 """Scenes as tokens: those that come with the library, and two with what they lack."""
 
-WORDS = sorted(
-    {token for text in TEXTS for token in text if len(token) < 40}
-    | set(directives._DIRECTIVES)
-    | {f'"{kind} {name}"' for kind in DIALECTS["v3"].types for name in ("L", "Kd", "P", "radius", "indices", "scale")}
-)
 NUMBERS = "0 1 -1 3 1e9 1000000000 65536 1e38 1e308 1e-320 -0 2147483647 2147483648 .5 nan inf".split()
 NASTY = [
     "[", "]", '"', '""', '"a\0b"', "\ufffd", "[1 2", "[]", '"../../../etc/passwd"', '"/"', '"."', "#", "\0", "²", "",
@@ -45,14 +40,6 @@ PARAMETERS = """"float radius" 2,"point P" [0 0 0 1 0 0 0 1 0],"integer indices"
 "texture alpha" "t","float alpha" .5,"texture bumpmap" "t","texture displacement" "t","string normalmap" "a.exr",
 "texture amount" "t","float uscale" 3,"bool twosided" "true","string materials" ["a" "b"],"spectrum eta" "glass-BK7",
 "bool twosided" "false\"""".replace("\n", "").split(",")
-NAMES = (
-    "P N uv st S indices radius height zmin zmax phimax levels nlevels L I scale power from to coneangle Kd Ks sigma "
-    "eta k roughness reflectance opacity amount filename mapname maxdepth xresolution yresolution fov type "
-    "alpha bumpmap displacement normalmap tex1 tex2 uscale vdelta reflect transmit transmittance lensradius "
-    "focaldistance screenwindow twosided conedeltaangle"
-).split()
-TYPES = [*sorted(DIALECTS["v3"].types), "bool", "string", "texture", "spectrum"]
-VALUES = ['"a.exr"', '"a.ply"', '"a.spd"', '"matte"', '"a"', "true", '"metal-Cu-eta"', "3", "-1", ".5"]
 MAKERS = {
     "Shape": "sphere disk cylinder trianglemesh plymesh loopsubdiv",
     "Material": "matte plastic metal mirror glass uber mix diffuse conductor dielectric coateddiffuse "
@@ -67,17 +54,13 @@ MAKERS = {
     "ObjectInstance": "o",
 }
 MADE = [f'{line} "{kind}"' for line, kinds in MAKERS.items() for kind in kinds.split()]
-PLAIN = "AttributeBegin AttributeEnd TransformBegin TransformEnd ObjectEnd ReverseOrientation Identity".split()
-HEADS = [
-    "WorldBegin\n",
-    'Integrator "directlighting" Film "image"\nWorldBegin\n',
-    'Film "rgb" PixelFilter "box" Integrator "path" "integer maxdepth" 1\nWorldBegin\nShape "sphere"\n',
-    'Integrator "bdpt" Film "image" Camera "orthographic" "float lensradius" .1\nWorldBegin\n',
-    'Film "rgb" Integrator "mlt" Camera "spherical" "string mapping" "equirectangular"\nWorldBegin\n',
-    "",
-]
-
-
+WORDS = sorted(
+    {token for text in TEXTS for token in text if len(token) < 40}
+    | set(directives._DIRECTIVES)
+    | {f'"{kind} {name}"' for kind in DIALECTS["v3"].types for name in ("L", "Kd", "P", "radius", "indices", "scale")}
+    | {*MADE, *PARAMETERS}
+)
+"""Tokens, directives with a kind, and parameters that belong to the format."""
 SMALL = (
     'SurfaceIntegrator "directlighting" Camera "perspective" Film "image" "integer xresolution" 6 '
     '"integer yresolution" 4 WorldBegin LightSource "point"'
@@ -119,28 +102,3 @@ def numbers(rng: random.Random) -> str:
     """A list of numbers."""
     some = NUMBERS if rng.random() < 0.5 else ["0", "1", "2", "-1", "3"]
     return f"[{' '.join(rng.choice(some) for _ in range(rng.choice([0, 1, 3, 6, 9, 12, rng.randint(0, 20)])))}]"
-
-
-def generated(rng: random.Random) -> str:
-    """Lines that belong to the format, in orders that may not."""
-    lines = [line(rng) for _ in range(rng.randint(0, 10))]
-    return rng.choice(HEADS) + "\n".join(lines) + "\nWorldEnd\n"
-
-
-def line(rng: random.Random) -> str:
-    """A directive with parameters."""
-    kind = rng.randrange(8)
-    if kind == 0:
-        return rng.choice(PLAIN)
-    if kind == 1:
-        return " ".join([rng.choice(["Translate", "Scale"]), *rng.choices("1 -1 .5 0 1e9".split(), k=3)])
-    begin = rng.choice(WORDS) if kind == 2 else rng.choice(MADE)
-    return " ".join([begin, *(parameter(rng) for _ in range(rng.randint(0, 4)))])
-
-
-def parameter(rng: random.Random) -> str:
-    """A parameter, right or wrong."""
-    if rng.random() < 0.5:
-        return rng.choice(PARAMETERS)
-    value = numbers(rng) if rng.random() < 0.6 else rng.choice(VALUES)
-    return f'"{rng.choice(TYPES)} {rng.choice(NAMES)}" {value}'

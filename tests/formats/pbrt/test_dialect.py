@@ -453,10 +453,14 @@ BAD_OPTIONS = [
     ("v4", 'Renderer "sampler"', "Renderer belongs to v2"),
 ]
 IMAGE = 'Texture "a" "spectrum" "imagemap" "string filename" "a.exr"'
+BUMPY = 'Texture "h" "float" "imagemap" "string filename" "a.exr" MakeNamedMaterial "a" "string type" "diffuse" '
+BUMPY += '"texture displacement" "h"'
 MIX = 'Material "mix" "string namedmaterial1" "a" "string namedmaterial2" "a"'
 BAD_WORLDS = [
     ("v4", f'{IMAGE} "string encoding" "gamma 2.2"', "parameter 'encoding' must be linear"),
     ("v4", f'{IMAGE} "bool invert" true', "parameter 'invert' must be False"),
+    ("v4", f'{BUMPY} "string normalmap" "a.exr"', "a displacement or a normalmap, not both"),
+    ("v4", f'{BUMPY} Material "mix" "string materials" ["a" "a"]', "a bump map or normal map cannot be mixed; got 'a'"),
     ("v4", 'Import "a.pbrt"', "token Import: Import is not supported; write Include"),
     ("v4", 'Attribute "shape" "float radius" 2', "token Attribute: Attribute is not supported; write its parameters"),
     ("v4", 'LightSource "point" "float power" 3', "this is not supported; give the light its I and scale"),

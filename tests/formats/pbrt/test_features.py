@@ -6,7 +6,6 @@ import pytest
 import dmis
 from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.relief import BumpMap, NormalMap
 from dmis.formats.pbrt.lights import sphere_to_square, to_latitude_longitude
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
@@ -318,23 +317,3 @@ def test_float_textures_of_coloured_images(read, tmp_path):
     alpha = read("v3", 'Material "plastic" "float roughness" 0.0372')
     got, expected = (lobes(one)[-1].roughness for one in (scene, alpha))
     np.testing.assert_allclose(got.alpha.texels, expected.alpha, rtol=2e-3)
-
-
-@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
-def test_bump_maps(read, tmp_path, dialect):
-    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(2).random((4, 4, 3)).astype(np.float32)})
-    texture = 'Texture "h" "float" "imagemap" "string filename" "a.exr"'
-    kind, name, _ = BUMPY[dialect]
-    relief = read(dialect, f'{texture} Material "{kind}" "texture {name}" "h"').parts[-1].material.relief
-    assert isinstance(relief, BumpMap) and relief.unit_tangents == (dialect != "v4")
-    assert read(dialect, f'Material "{kind}"').parts[-1].material.relief is None
-    if dialect == "v4":
-        relief = read(dialect, 'Material "diffuse" "string normalmap" "a.exr"').parts[-1].material.relief
-        assert isinstance(relief, NormalMap) and relief.image.texels.shape == (4, 4, 3)
-        both = f'{texture} Material "diffuse" "string normalmap" "a.exr" "texture displacement" "h"'
-        with pytest.raises(PbrtError, match="a displacement or a normalmap, not both"):
-            read(dialect, both)
-    if dialect != "v2":
-        made = f'{texture} MakeNamedMaterial "a" "string type" "{kind}" "texture {name}" "h"'
-        with pytest.raises(PbrtError, match="a bump map or normal map cannot be mixed; got 'a'"):
-            read(dialect, f'{made} Material "mix" {MIXED[dialect].replace("b", "a")}')

@@ -264,13 +264,6 @@ def test_other_shapes_make_mesh_lights(read, shape):
     close(light.radiance, (8, 10, 12))
 
 
-def test_lights_are_in_the_order_of_the_file(read):
-    """And an area light ends with its block."""
-    scene = read(f'LightSource "point" AttributeBegin {AREA} {TRIANGLE} AttributeEnd LightSource "distant"')
-    assert [type(light) for light in scene.lights] == [PointLight, MeshLight, DistantLight]
-    assert [part.light is None for part in scene.parts] == [False, True]
-
-
 # Materials --------------------------------------------------------------------------------------------------------
 
 
