@@ -18,7 +18,7 @@ AreaLightSource "diffuse" "rgb L" [1 2 3] Shape "disk" "float radius" 2 Attribut
 Material "matte" "texture Kd" "t" Shape "plymesh" "string filename" "a.ply" LightSource "infinite" "string mapname"
 "a.exr" Shape "loopsubdiv" "integer levels" 1 "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3] "point3 P"
 [0 0 0 1 0 0 0 1 0 0 0 1] MediumInterface "" "" ObjectBegin "o" Shape "sphere" ObjectEnd ObjectInstance "o" WorldEnd"""
-V4 = """Film "rgb" "float iso" 100 PixelFilter "box" Integrator "volpath" "integer maxdepth" 1 Option "bool quiet" true
+V4 = """Film "rgb" "float iso" 100 PixelFilter "box" Integrator "volpath" "integer maxdepth" 1
 ColorSpace "srgb" WorldBegin LightSource "distant" "blackbody L" 3000 AttributeBegin
 AreaLightSource "diffuse" "spectrum L" [400 1 500 2] Shape "sphere" "float radius" 2
 AttributeEnd Material "mix" "string materials" ["b" "b"]

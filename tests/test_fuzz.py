@@ -171,6 +171,13 @@ def test_references_must_be_images(tmp_path, data, message):
         load_reference(tmp_path / "a.npy")
 
 
+def test_halves_of_a_reference_are_alike(tmp_path):
+    first = np.zeros((2, 2, 3), np.float32)
+    write_exr(tmp_path / "a.exr", {"first": first, "second": first[..., 0]})
+    with pytest.raises(ValueError, match="must hold an image of three channels, or halves"):
+        load_reference(tmp_path / "a.exr")
+
+
 def test_images_that_say_too_much(tmp_path, monkeypatch):
     """By their headers: sides, pixels, channels."""
     write_exr(tmp_path / "a.exr", {str(k): np.zeros((2, 8), np.float32) for k in range(9)})

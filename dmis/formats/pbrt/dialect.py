@@ -36,7 +36,7 @@ class Dialect:
     film_size
         Width and height where the Film line has none.
     required
-        Parameters that change the image, by directive, with the only supported value.
+        Parameters of the film that change the image, with the only supported value.
     unapplied
         Parameters whose effect on the image is left out with a warning, by directive, with the value that has no
         effect; None: each has one.
@@ -54,7 +54,7 @@ class Dialect:
     directives: frozenset[str]
     film: tuple[str, ...] = ("image",)
     film_size: tuple[int, int] = (1280, 720)
-    required: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    required: Mapping[str, Any] = field(default_factory=dict)
     unapplied: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     integrators: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     radius: tuple[str, str] = ("xwidth", "ywidth")
@@ -81,10 +81,7 @@ V4 = Dialect(
     directives=frozenset({*V3.directives, "Attribute", "ColorSpace", "Import", "Option"}),
     film=("rgb", "gbuffer", "spectral"),
     integrators=(("path", "volpath", "bdpt", "mlt", "simplepath", "simplevolpath", "randomwalk"), ("sppm",)),
-    required={
-        "Film": {"sensor": "cie1931", "whitebalance": 0.0},
-        "Option": {"disablepixeljitter": False, "forcediffuse": False, "disabletexturefiltering": False},
-    },
+    required={"sensor": "cie1931", "whitebalance": 0.0},
     unapplied={
         "Film": {"iso": [100.0], "maxcomponentvalue": None},
         "Camera": {"shutteropen": [0.0], "shutterclose": [1.0]},
@@ -100,7 +97,6 @@ IRRELEVANT = {
     "LightSource": frozenset({"nsamples", "samples"}),
     "AreaLightSource": frozenset({"nsamples", "samples"}),
     "Shape": frozenset({"discarddegenerateUVs", "levels", "nlevels"}),
-    "Option": frozenset({"seed", "quiet", "pixelstats", "wavefront", "rendercoordsys", "disablewavelengthjitter"}),
     **dict.fromkeys(
         ("Integrator", "SurfaceIntegrator"),
         frozenset(

@@ -31,6 +31,7 @@ _INSTEAD = {
     "Volume": "remove it to render without",
     "Attribute": "write its parameters in each line of its kind",
     "Import": "write Include",
+    "Option": "remove it, if the image does not depend on it",
 }
 """Directives that are refused, with what to do."""
 _PLACES = {"options": "before WorldBegin", "world": "between WorldBegin and WorldEnd"}

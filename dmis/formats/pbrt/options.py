@@ -12,7 +12,7 @@ import numpy as np
 
 from dmis.base.validate import FARTHEST
 from dmis.base.vectors import Floats
-from dmis.formats.pbrt.dialect import IRRELEVANT, V2, V4
+from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.notes import UNUSED
 from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader, power_of_two
@@ -120,13 +120,6 @@ def _renderer(reader: Reader, name: Token, p: ParameterSet) -> None:
         reader.suggested = replace(reader.suggested, integrator="path", max_depth=depth)
 
 
-def _option(reader: Reader, p: ParameterSet) -> None:
-    """Refuse options that change the image, and names that v4 does not have."""
-    p.require(reader.dialect.required["Option"])
-    for item in p.items.values():
-        item.token.find("option", item.name, dict.fromkeys([*p.read_names, *IRRELEVANT["Option"]]))
-
-
 def _medium_interface(reader: Reader, *names: Token | None) -> None:
     """Refuse all media: a vacuum has no name."""
     for name in names:
@@ -142,7 +135,6 @@ def _unused(reader: Reader, *arguments: object) -> None:
 
 OPTIONS: dict[str, Directive] = {
     "TransformTimes": ("options", _unused, (2,)),
-    "Option": ("options", _option, (PARAMETERS,)),
     "ColorSpace": ("any", lambda reader, name: name.among("the colour space", ("srgb",)), ("a name",)),
     "MakeNamedMedium": ("any", _unused, ("a name", KEPT)),
     "MediumInterface": ("any", _medium_interface, ("the name of a medium", OPTIONAL)),
@@ -172,7 +164,7 @@ def make_camera(reader: Reader) -> Camera:
     wide, high = reader.dialect.film_size
     size = film.integer("xresolution", wide), film.integer("yresolution", high)
     film.refuse("pixelbounds is not supported; use cropwindow", "pixelbounds")
-    film.require(reader.dialect.required.get("Film", {}))
+    film.require(reader.dialect.required)
     crop = film.table("cropwindow", 4, "float")
     if reader.resolution is None:
         with blame(film.directive):
