@@ -107,9 +107,12 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[bytes]:
-    """Give the bytes of a mesh file; errors of the block become a ValueError that names the file."""
-    suffix = path.suffix.lower()
+def reading(path: Path, suffix: str = "") -> Iterator[bytes]:
+    """Give the bytes of a mesh file to a block, whose errors become a ValueError that names the file.
+
+    `suffix` is that of the format, by default the file's own.
+    """
+    suffix = suffix or path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(f"mesh file {path} must have one of the extensions {' '.join(MESH_SUFFIXES)}; got {suffix!r}")
     if not path.is_file():

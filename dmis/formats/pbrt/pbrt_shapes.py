@@ -14,10 +14,11 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
-from dmis.formats import mesh_files
+from dmis.formats.mesh_files import reading
 from dmis.formats.pbrt.parameters import ParameterSet
 from dmis.formats.pbrt.quadrics import choose_grids
 from dmis.formats.pbrt.tokens import Token, blame, unzipped
+from dmis.formats.ply import read_ply
 from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
 from dmis.scene.camera import Camera
@@ -136,8 +137,9 @@ def _file(p: ParameterSet) -> Mesh:
     token = p.items["filename"].token
     if not name.lower().endswith((".ply", ".ply.gz")):
         raise token.error(f"a plymesh must be a .ply or .ply.gz file; got {name!r}")
-    with blame(token), unzipped(token.file(name)) as path:
-        return mesh_files.load_mesh(path)
+    path = token.file(name)
+    with blame(token), reading(path, ".ply") as data:
+        return read_ply(unzipped(path, data))
 
 
 def _sphere(p: ParameterSet) -> Quadric:

@@ -6,8 +6,8 @@ characters. `dmis.formats.pbrt.directives.Cursor` walks over the tokens.
 
 from __future__ import annotations
 
+import io
 import re
-import zlib
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -77,8 +77,7 @@ class Source:
     def include(self, path: Path) -> Source:
         """Read a file that this one names: names in it are relative to the first file's folder, else to its own."""
         folders = dict.fromkeys([self.folders[0], path.parent])
-        with unzipped(path) as plain:
-            text = decode(plain.read_bytes(), str(path))
+        text = decode(unzipped(path, path.read_bytes()), str(path))
         return replace(self, path=path, text=text, folders=tuple(folders))
 
 
@@ -135,26 +134,22 @@ class Token(NamedTuple):
         raise self.error(f"there is no file {name!r} in {' or '.join(str(folder) for folder in self.source.folders)}")
 
 
-@contextmanager
-def unzipped(path: Path) -> Iterator[Path]:
-    """Yield a path with the contents of a .gz file, `path` itself if it is none; a ValueError if they are too large."""
+def unzipped(path: Path, data: bytes) -> bytes:
+    """Return what the bytes of a .gz file hold, those of other files as they are; a ValueError if that is too large."""
     if path.suffix.lower() != ".gz":
-        yield path
-        return
+        return data
     import gzip
-    import tempfile
+    import zlib
 
-    with tempfile.TemporaryDirectory() as folder, gzip.open(path) as packed:
-        copy, most = Path(folder, path.stem), max(MAX_UNZIPPED, MAX_RATIO * path.stat().st_size)
-        try:
-            with copy.open("wb") as file:
-                while block := packed.read(2**20):
-                    file.write(block)
-                    if file.tell() > most:
-                        raise ValueError(f"{path} must have at most {most:,} bytes when it is unpacked; unpack it")
-        except (EOFError, zlib.error) as error:
-            raise ValueError(f"{path} cannot be unpacked: {error}") from error
-        yield copy
+    most = max(MAX_UNZIPPED, MAX_RATIO * len(data))
+    try:
+        with gzip.open(io.BytesIO(data)) as packed:
+            plain = packed.read(most + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise ValueError(f"{path} cannot be unpacked: {error}") from error
+    if len(plain) > most:
+        raise ValueError(f"{path} must have at most {most:,} bytes when it is unpacked; unpack it")
+    return plain
 
 
 def either(names: Iterable[str]) -> str:
