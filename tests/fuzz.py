@@ -310,6 +310,10 @@ def picture(rng: random.Random, folder: Path) -> None:
         assert str(path) in str(error), error
         return
     assert image.dtype == np.float32 and image.size
+    if source.suffix == ".exr":
+        assert all(layer.dtype == np.float32 and layer.size for layer in read_exr(path)[0].values())
+        with contextlib.suppress(ValueError):
+            load_reference(path)
 
 
 def with_checksums(data: bytes) -> bytes:
@@ -329,24 +333,6 @@ IMAGE_USES = [
     'LightSource "infinite" "string mapname" "{}"',
     'LightSource "infinite" "string filename" "{}"',
 ]
-
-
-def image(rng: random.Random, folder: Path) -> None:
-    """An EXR file: layers, or an error that names the file; what is read makes a reference, a sky, or an error."""
-    source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix == ".exr"])
-    path = folder / "case.exr"
-    path.write_bytes(damaged(rng, source.read_bytes()))
-    try:
-        layers, _ = read_exr(path)
-    except ValueError as error:
-        assert str(path) in str(error), error
-        return
-    assert all(layer.dtype == np.float32 and layer.size for layer in layers.values())
-    with contextlib.suppress(ValueError):
-        load_reference(path)
-    sky = f'WorldBegin LightSource "infinite" "string mapname" "case.exr" Shape {TRIANGLE} WorldEnd'
-    read(folder, sky)
-    read(folder, sky.replace("Shape", 'Texture "t" "color" "imagemap" "string filename" "case.exr" Shape'))
 
 
 # The command line
@@ -389,7 +375,7 @@ def command(rng: random.Random, folder: Path) -> None:
         assert max(map(len, said.split("\n"))) < 9000, (words, len(said))
 
 
-KINDS = {one.__name__: one for one in (parser, rendering, mesh, picture, image, rule, command)}
+KINDS = {one.__name__: one for one in (parser, rendering, mesh, picture, rule, command)}
 
 
 @contextlib.contextmanager

@@ -20,7 +20,7 @@ from dmis.formats.mesh_files import placed_geometries
 from dmis.image import read_exr, write_exr
 from dmis.scene.scene import Scene
 
-COUNTS = {"parser": 200, "rendering": 20, "mesh": 100, "picture": 60, "image": 60, "rule": 60, "command": 20}
+COUNTS = {"parser": 200, "rendering": 20, "mesh": 100, "picture": 120, "rule": 60, "command": 20}
 """Cases of each kind in this run."""
 
 

@@ -573,14 +573,10 @@ WARNINGS = [  # a line of the world, which is line 3 of the file, and the warnin
     (f"{RED} TRIANGLE {RED}", f"{ABOVE}'Kd' of Material (line 3 and 1 more)"),
     # spectra may exceed 1 a little: a constant 1 is (1.2, .95, .91)
     ('Material "matte" "color Kd" [1 1 1.0001]', None),
-    ('Material "uber" "color opacity" [2 2 2]', None),
     ('Material "shinymetal" "color Ks" [2 2 2]', None),
     ('LightSource "point"', None),
     ('Material "plastic" "float rougness" .5', f"{UNKNOWN}parameter 'rougness' of Material, did you mean 'roughness'?"),
     ('Material "plastic" "float sheen" .5', f"{UNKNOWN}parameter 'sheen' of Material (line 3)"),
-    ('TRIANGLE "string color" "red"', f"{UNKNOWN}parameter 'color' of Shape (line 3)"),
-    ('Texture "a" "color" "constant" "float trilinear" 1', f"{UNKNOWN}parameter 'trilinear' of Texture (line 3)"),
-    ('LightSource "point" "color LL" [5 5 5]', f"{UNKNOWN}parameter 'LL' of LightSource, did you mean 'I'? (line 3)"),
     ('LightSource "distant" "color I" [5 5 5]', f"{UNKNOWN}parameter 'I' of LightSource, did you mean 'L'? (line 3)"),
 ]
 
