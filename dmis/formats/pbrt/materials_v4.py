@@ -18,7 +18,7 @@ from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import scale
 from dmis.formats.pbrt.materials_v3 import MIN_ROUGH_ALPHA, alphas_of, is_smooth, metal_fresnel, refractive, rough_metal
 from dmis.formats.pbrt.parameters import ParameterSet
-from dmis.formats.pbrt.spectra import SPECTRA
+from dmis.formats.pbrt.spectra import v4_names
 
 
 def _metal(p: ParameterSet, prefix: str = "") -> tuple[Any, Any]:
@@ -28,7 +28,7 @@ def _metal(p: ParameterSet, prefix: str = "") -> tuple[Any, Any]:
         p.refuse("parameter 'reflectance' must not stand beside eta and k, which give the same", eta, k)
         r = np.clip(p.constant("reflectance", (0.5, 0.5, 0.5)), 0, 0.9999)
         return np.ones(3), 2 * np.sqrt(r) / np.sqrt(1 - r)
-    named = SPECTRA["v4"].named()
+    named = v4_names()
     return np.asarray(p.constant(eta, named["metal-Cu-eta"])), np.asarray(p.constant(k, named["metal-Cu-k"]))
 
 

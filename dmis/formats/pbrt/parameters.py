@@ -74,22 +74,20 @@ class Parameter:
 
     def _of_spectrum(self, light: bool) -> Rgb:
         """Return the linear RGB of a value of the types spectrum and blackbody."""
-        from dmis.formats.pbrt.spectra import SPECTRA, luminous
+        from dmis.formats.pbrt.spectra import blackbody, luminous, sampled, v4_names
 
-        spectra = SPECTRA[self.token.dialect]
-        luminance = light and self.kind == "spectrum" and self.token.dialect == "v4"
-        sampled = spectrum_to_rgb if luminance else spectra.sampled
-        if isinstance(self.values, tuple):
-            (name,), named = self.values, spectra.named()
-            if named and "." not in name:
-                rgb = self.token.find("spectrum of the name", name, named)
-            else:
-                rgb = sampled(*read_spd(self.token.file(name)))
-        elif self.kind == "spectrum":
-            rgb = sampled(self.values[::2], self.values[1::2])
+        dialect = self.token.dialect
+        if self.kind == "blackbody":
+            return blackbody(dialect, *self.numbers.tolist())
+        luminance = light and dialect == "v4"
+        if not isinstance(self.values, tuple):
+            table = self.values[::2], self.values[1::2]
+        elif dialect == "v4" and "." not in self.values[0]:
+            rgb = self.token.find("spectrum of the name", self.values[0], v4_names())
+            return luminous(rgb) if luminance else rgb
         else:
-            rgb = spectra.blackbody(*self.values.tolist())
-        return luminous(rgb) if luminance else rgb
+            table = read_spd(self.token.file(self.values[0]))
+        return luminous(spectrum_to_rgb(*table)) if luminance else sampled(dialect, *table)
 
 
 @dataclass(eq=False)

@@ -123,12 +123,8 @@ class Reader:
         _, saved = self.blocks.pop()
         if opener == "TransformBegin":
             self.change(to_world=saved.to_world)
-        else:
-            self.restore(saved)
-
-    def restore(self, saved: State) -> None:
-        """Return to a saved state, but for the textures and materials that outlive a block in v4."""
-        kept = self.state if self.dialect is V4 else saved
+            return
+        kept = self.state if self.dialect is V4 else saved  # textures and named materials outlive a block in v4
         self.state = replace(saved, textures=kept.textures, named_materials=kept.named_materials)
 
     def material(self) -> Material:

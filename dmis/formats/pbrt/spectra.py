@@ -1,15 +1,13 @@
 """Spectra of pbrt files as linear RGB, by dialect.
 
 pbrt-v2 and v3 turn every spectrum into RGB without a white balance; v3 integrates over 470 nm in 471 steps, and has a
-scale of black bodies of its own (`_v3_blackbody`). pbrt-v4 keeps spectra and looks at the film in the end; here they
+scale of black bodies of its own (`blackbody`). pbrt-v4 keeps spectra and looks at the film in the end; here they
 become RGB at once. What a surface or a metal has is balanced, so that a constant spectrum stays the same constant, and
 what a light has is brought to the luminance 1, as v4 does before its ``scale``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -38,15 +36,6 @@ def _white() -> Floats:
     return np.array(spectrum_to_rgb([555.0], [1.0]))
 
 
-@dataclass(frozen=True, eq=False)
-class Spectra:
-    """Functions by which a dialect converts spectra to RGB: tables, black bodies, and spectra by name."""
-
-    sampled: Callable[[npt.ArrayLike, npt.ArrayLike], Rgb]
-    blackbody: Callable[..., Rgb]
-    named: Callable[[], dict[str, Rgb]]
-
-
 def luminous(rgb: Rgb) -> Rgb:
     """Return a colour scaled to luminance 1; a ValueError if its luminance is not positive."""
     y = float(LUMINANCE @ np.asarray(rgb))
@@ -61,13 +50,25 @@ def _times(rgb: Rgb, factor: float | Floats) -> Rgb:
     return r, g, b
 
 
-def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
-    """Return the RGB of a black body in pbrt-v3, which scales the brightest wavelength to 1, not 555 nm."""
-    return blackbody_to_rgb(temperature, scale * 470 / 471, _WIEN / (temperature or 1))
+def sampled(dialect: str, wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
+    """Return the RGB of a table of a surface or a metal."""
+    rgb = spectrum_to_rgb(wavelengths, values)
+    if dialect == "v2":
+        return rgb
+    return _times(rgb, 470 / 471 if dialect == "v3" else 1 / _white())
+
+
+def blackbody(dialect: str, temperature: float, scale: float = 1.0) -> Rgb:
+    """Return the RGB of a black body; pbrt-v3 scales the brightest wavelength to 1, the others 555 nm."""
+    if dialect == "v3":
+        return blackbody_to_rgb(temperature, scale * 470 / 471, _WIEN / (temperature or 1))
+    rgb = blackbody_to_rgb(temperature, scale)
+    return luminous(rgb) if dialect == "v4" else rgb
 
 
 @cache
-def _v4_named() -> dict[str, Rgb]:
+def v4_names() -> dict[str, Rgb]:
+    """Return the spectra of v4 by name."""
     balance = 1 / _white()
     metals = {
         f"metal-{metal}-{what}": _times(value, balance)
@@ -75,15 +76,3 @@ def _v4_named() -> dict[str, Rgb]:
         for what, value in zip(("eta", "k"), values, strict=True)
     }
     return metals | {"stdillum-D65": (1.0, 1.0, 1.0)}
-
-
-SPECTRA = {
-    "v2": Spectra(spectrum_to_rgb, blackbody_to_rgb, dict),
-    "v3": Spectra(lambda *table: _times(spectrum_to_rgb(*table), 470 / 471), _v3_blackbody, dict),
-    "v4": Spectra(
-        lambda *table: _times(spectrum_to_rgb(*table), 1 / _white()),
-        lambda temperature: luminous(blackbody_to_rgb(temperature)),
-        _v4_named,
-    ),
-}
-"""Conversions of spectra by the name of the dialect."""
