@@ -17,7 +17,6 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.fit.registry import RULES
-from dmis.fit.thesis import parabola_minimum
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import columns, polar, unit
 
@@ -36,11 +35,6 @@ SAMPLE = {
     "albedo 1",
     "identical techniques, light 0",
 }
-
-
-def test_the_sample_is_of_the_family() -> None:
-    """No case of the sample is called something else."""
-    assert SAMPLE <= {case.name for case in FAMILY}
 
 
 @pytest.mark.parametrize("case", [c for c in FAMILY if c.name in SAMPLE], ids=lambda case: case.name)
@@ -166,15 +160,6 @@ def _lobe(material: dmis.Material, wo: Array, n: Array, wi: Array) -> tuple[Arra
     return np.broadcast_to(lobe.eval(Directions(at, wi)), wo.shape)[0], lobe.pdf(Directions(at, wi))
 
 
-@pytest.mark.parametrize("scale, base", [(1e-150, 0.0), (1e-30, 1e4), (1e150, 1e4)])
-def test_the_parabola_is_found_at_any_scale(scale: float, base: float) -> None:
-    """The minimum of a planted parabola, on a constant that is much larger than its depth."""
-    w = np.array([0, 0.5, 1])
-    found, status = parabola_minimum(w, scale * (base + (w - 0.3) ** 2)[:, None])
-    np.testing.assert_allclose(found, 0.3, atol=1e-10)
-    assert status == 0
-
-
 def test_suppressed_warnings_say_why() -> None:
     """Each `np.errstate` of the library has a comment on its line or above it."""
     for module in (Path(__file__).parent.parent / "dmis").rglob("*.py"):
@@ -183,25 +168,6 @@ def test_suppressed_warnings_say_why() -> None:
             if "np.errstate" in line:
                 assert "#" in line or before.lstrip().startswith("#"), f"{module.name}: {line.strip()}"
             before = line
-
-
-class Broken(dmis.brdf.diffuse.Lambert):
-    """A lobe that divides by 0 where there are more directions than scenes try."""
-
-    def eval(self, directions: Directions) -> Array:
-        return super().eval(directions) / (directions.cos_i * (len(directions.cos_i) < 9))
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_threads_raise_too(threads: int) -> None:
-    """A material that divides by 0 fails a test wherever it is evaluated, and is no image where it does not."""
-    scene = box_scene(dmis.Material((Broken(0.5),)))
-    with pytest.raises(ValueError, match=r"Broken\.eval raised RuntimeWarning: divide by zero"):
-        dmis.render(scene, "balance", 2, parallel=threads)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        with pytest.raises(ValueError, match=r"Broken\.eval must be finite and not negative; got inf"):
-            dmis.render(scene, "balance", 2, parallel=threads)
 
 
 def test_a_pixel_that_is_no_number_is_no_image(monkeypatch) -> None:

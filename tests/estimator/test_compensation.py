@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, means, pickled, z_score
+from helpers import Z_LIMIT, means, z_score
 
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.settings import DEFAULTS
-from dmis.experiment.oracle_renders import oracle_key
 from dmis.fit.fixed import Fixed
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
@@ -72,18 +71,6 @@ def test_a_light_of_a_setting_is_that_of_a_field() -> None:
     assert field.compensated(0.5) is field and light.compensated(0) is light
 
 
-def test_tables_are_made_once_and_texels_shared(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also by a light that was pickled, as scenes are for processes."""
-    light = EnvironmentLight(SKY, scale=(2.0, 1.0, 1.0))
-    first = light.compensated(0.9)
-    copies = (light, pickled(light))
-    monkeypatch.setattr("dmis.light.environment.copy", None)
-    assert light.compensated(0.9) is first
-    for each in copies:
-        assert each.compensated(0.9).texels is each.texels
-        assert each.compensated(0.9)._data[0] is each._data[0]
-
-
 def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
     assert box.plan.sampled_lights("all", 0.9) == box.plan.sampled
     assert np.array_equal(image(box, compensation=0.9), image(box))
@@ -96,11 +83,9 @@ def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
     [
         ("balance", {}, COMPENSATION),
         ("fixed:1", {}, 0.0),
-        ("fixed:light=1,brdf=0", {}, 0.0),
         ("thesis:patch=4", {}, 0.0),
         ("auto", {}, COMPENSATION),
         ("auto", {"compensation": 0}, 0.0),
-        ("auto", {"compensation": 0.5}, 0.5),
         ("auto:compensation=0", {}, 0.0),
         ("balance:compensation=0.9", {}, 0.9),
         ("fixed:light=0.5,brdf=0.5,compensation=0.5", {}, 0.5),
@@ -117,11 +102,9 @@ def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: f
 @pytest.mark.parametrize(
     ("rule", "settings", "message"),
     [
-        ("auto:compensation=0.5", {"compensation": 0.3}, 'Write rule="auto:compensation=0.3"'),
         ("auto:compensation=0.5", {"preset": "thesis"}, "preset thesis has compensation 0.0; got 0.5"),
         ("auto:compensation=1", {}, "compensation must be .* less than 1.*; got 1.0"),
         ("balance", {"compensation": "0.5"}, "compensation must be .* less than 1.*; got '0.5'"),
-        ("balance", {"compensation": float("nan")}, "compensation must be .* less than 1.*; got nan"),
     ],
 )
 def test_conflicts_and_bad_values(rule: str, settings: dict[str, Any], message: str) -> None:
@@ -144,44 +127,13 @@ def test_only_where_brdf_samples_cover_the_rest() -> None:
     assert np.array_equal(image(sky_scene(), rule, compensation=0.9), image(sky_scene(), rule))
 
 
-def test_a_reference_is_the_same(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the settings or the light say, one file is made and read again."""
-    made = dmis.make_reference(sky_scene(), 4, folder=tmp_path)
-    monkeypatch.setattr("dmis.experiment.reference.render", None)
-    for scene, options in ((sky_scene(), {"compensation": 0.5}), (sky_scene(0.9), {}), (sky_scene(0.0), {})):
-        again = dmis.make_reference(scene, 4, folder=tmp_path, **options)
-        assert np.array_equal(again.first, made.first)
-
-
-def test_a_checkpoint_and_a_table_are_not(tmp_path: Any) -> None:
+def test_it_is_part_of_the_render_and_not_of_the_reference() -> None:
     """A light's compensation is in the fingerprint of what is rendered, but not in that of the expected image."""
     plain, half = sky_scene(), sky_scene(0.5)
     assert fingerprint(plain) != fingerprint(half)
     assert fingerprint(plain, expected_image=True) == fingerprint(half, expected_image=True)
     brighter = plain.changed(lights=(EnvironmentLight(2 * SKY),))
     assert fingerprint(plain, expected_image=True) != fingerprint(brighter, expected_image=True)
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        dmis.render(plain, "balance", 4, checkpoint=tmp_path / "c", progress=stop)
-    with pytest.raises(ValueError, match=r"settings.compensation is 0.95 in the checkpoint and 0.5 in this render"):
-        dmis.render(plain, "balance", 4, checkpoint=tmp_path / "c", compensation=0.5)
-    with pytest.raises(ValueError, match="scene_hash is"):
-        dmis.render(half, "balance", 4, checkpoint=tmp_path / "c")
-
-
-def test_oracles_differ_under_a_sky_only(box: dmis.Scene) -> None:
-    """Their curves V(w) depend on the samples' density; that of None is the default."""
-
-    def keys(scene: dmis.Scene) -> list[dict[str, Any]]:
-        shares = (None, 0.0, COMPENSATION)
-        return [oracle_key(scene, 64, 4, dmis.Settings(compensation=share)) for share in shares]
-
-    learned, off, same = keys(sky_scene())
-    assert learned == same != off
-    assert keys(box) == 3 * [oracle_key(box, 64, 4, None)]
 
 
 def test_a_sky_in_other_units_is_compensated() -> None:

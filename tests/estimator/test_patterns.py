@@ -2,13 +2,12 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 import dmis
-from dmis.base.vectors import Array, Selection, take
+from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.patterns import BLOCKS, LEAST_LOOKS, MOST_HALVINGS, LightSubsets, PatternMap, separate_lights
 from dmis.fit.round import Budget, Round
@@ -101,19 +100,3 @@ def test_where_there_is_a_choice() -> None:
     assert separate_lights(lamps().plan, dmis.Settings(integrator="direct", lights="tree")) == 1
     others = (dmis.PointLight((0, 0, 2), (1, 1, 1)), ABOVE, *(replace(ABOVE, radiance=(k, 1, 1)) for k in range(1, 33)))
     assert [separate_lights(box_scene(lights=others[:n]).plan, settings) for n in (1, 2, 33, 34)] == [0, 1, 32, 0]
-
-
-def test_each_lamp_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gold under two disks and a headlight: rare highlights are looked for in eight samples of each round at least."""
-    gold, looks, of_light = shared_scene("killeroo-gold", (40, 30)), list[float](), LightSubsets.of_light
-    disk = dmis.DiskLight((300, -250, 500), (-3, 2.5, -5), 60, (60, 50, 40))
-
-    def counted(self: LightSubsets, light: int, sample: Selection | None) -> Any:
-        if (found := of_light(self, light, sample)) is not None:
-            looks.append((take(self.samples, sample).take(found[0]) / found[1]).min())
-        return found
-
-    monkeypatch.setattr(LightSubsets, "of_light", counted)
-    two_disks = dmis.Scene(gold.camera, (*gold.parts, dmis.light_part(disk)), (*gold.lights, disk))
-    dmis.render(two_disks, "auto", 64, integrator="direct", parallel=1)
-    assert looks and min(looks) >= LEAST_LOOKS

@@ -43,6 +43,7 @@ def test_pinned_values_are_held(box: dmis.Scene, options: dict, message: str) ->
 
 def test_open_values_are_the_callers(box: dmis.Scene) -> None:
     """S, integrator and depth, the heuristic and the reuse of the pilot; a rule states the last two."""
+    assert dmis.render(box, spp=32, preset="thesis").provenance["rule"] == "thesis"
     options = {"shading_samples": 4, "integrator": "path", "max_depth": 3}
     for rule, stated in (
         ("balance:combiner=power", {"combiner": "power"}),
@@ -50,11 +51,6 @@ def test_open_values_are_the_callers(box: dmis.Scene) -> None:
     ):
         result = dmis.render(box, rule, 8, preset="thesis", **options)
         assert result.provenance["settings"].items() >= {**options, **stated, "preset": "thesis"}.items()
-
-
-def test_preset_has_a_rule(box: dmis.Scene) -> None:
-    result = dmis.render(box, spp=32, preset="thesis")
-    assert result.provenance["rule"] == "thesis" and result.provenance["settings"]["lights"] == "pbrt"
 
 
 @pytest.mark.parametrize(
@@ -85,14 +81,6 @@ def test_nearest_takes_numbers_from_the_file(name: str, integrator: str, samples
     assert (settings.sampler, settings.lights, settings.weigh) == ("lowdiscrepancy", "pbrt", "heuristic")
 
 
-def test_nearest_is_thesis_with_other_points(box: dmis.Scene) -> None:
-    """Also with a rule, whose pilot is of independent points."""
-    default = dmis.render(box, "thesis:patch=8", 14, preset="nearest")
-    stated = dmis.render(box, "thesis:patch=8", 14, preset="thesis", sampler="lowdiscrepancy")
-    np.testing.assert_array_equal(stated.image, default.image)
-    assert not np.array_equal(dmis.render(box, "thesis:patch=8", 14, preset="thesis").image, default.image)
-
-
 @pytest.mark.parametrize(("integrator", "same_as"), [("direct", "all"), ("path", "one")])
 def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> None:
     """All lights in direct lighting, one at each vertex of a path."""
@@ -110,23 +98,13 @@ def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
         assert settings.one_light == one and settings.preset == "thesis"
 
 
-def test_reference_of_a_preset_is_that_of_its_settings(box: dmis.Scene, tmp_path: Path) -> None:
-    """The points of a reference are its own; neither they nor the preset's name are part of what is expected."""
-    reference = dmis.make_reference(box, 4, preset="thesis", folder=tmp_path)
-    again = dmis.make_reference(box, 4, lights="pbrt", folder=tmp_path)
-    assert np.array_equal(reference.first, again.first) and len(list(tmp_path.iterdir())) == 1
-
-
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``render`` and ``compare`` take --preset; an option that it pins is refused with exit code 2."""
+    """``render`` takes --preset; an option that it pins is refused with exit code 2."""
     small = ["teapot-area-light", "--resolution", "16x12", "--spp", "8", "--quiet", "--preset", "thesis"]
     assert main(["render", *small, "-o", str(tmp_path / "a.exr"), "--shading-samples", "4"]) == 0
     assert '"preset": "thesis"' in dmis.read_exr(tmp_path / "a.exr")[1]["dmis.provenance"]
     assert main(["render", *small, "-o", str(tmp_path / "a.exr"), "--sampler", "sobol"]) == 2
     assert "preset thesis has sampler 'independent' or 'lowdiscrepancy'; got 'sobol'" in capsys.readouterr().err
-    rest = ["--rules", "balance,thesis:patch=4", "--seeds", "1", "--reference-spp", "8", "--threads", "1"]
-    assert main(["compare", *small, *rest, "-o", str(tmp_path / "table")]) == 0
-    assert '"preset": "thesis"' in (tmp_path / "table" / "comparison.json").read_text("utf-8")
 
 
 @pytest.fixture(scope="module")

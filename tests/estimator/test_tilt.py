@@ -1,6 +1,5 @@
 """The tilt of the heuristic: closed forms of mean and variance, agreement with the balance heuristic, refusals."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -101,17 +100,6 @@ def test_pilots_and_final_pass_are_tilted() -> None:
     assert np.ptp(result.weight) > 0.1 and (result.light_samples == 16).all()
 
 
-def test_rounds_of_an_area_keep_their_tilt() -> None:
-    """A map is cut out; where all pixels have the same tilt, one column stands for them."""
-    tilt = shares_of(np.linspace(0, 1, 48).reshape(6, 8).round(1))
-    round_ = Round(4, shares_of(0.5), dmis.Settings(), tilt=tilt)
-    area = round_.of_area((slice(0, 2), slice(2, 6))).in_row_order()
-    np.testing.assert_array_equal(area.tilt, tilt[:, :2, 2:6].reshape(2, -1))
-    assert area.shares.shape == (2, 1)
-    even = np.full((2, 6, 8), 0.5, np.float32)
-    assert replace(round_, tilt=even).in_row_order().tilt.shape == (2, 1)
-
-
 def test_curves_of_a_disk() -> None:
     """From samples of the balance heuristic, the curves have the closed form at every w, also of several pairs."""
     for pairs in (1, 3):
@@ -143,18 +131,6 @@ def test_curves_predict_renders(integrator: str) -> None:
         measured = patch_mean(result.variance[..., 0] * 4096, 4)
         np.testing.assert_allclose(measured, predicted, rtol=0.2)
         assert measured.mean() == pytest.approx(predicted.mean(), rel=0.03)
-
-
-def test_refusals() -> None:
-    """Words that are none, and combiners other than balance, are refused before the first ray."""
-    with pytest.raises(ValueError, match="weigh must be samples or heuristic; got 'heuristics'"):
-        dmis.render(disk(), "thesis:weigh=heuristics", 8)
-    message = "weigh=heuristic needs combiner balance; got power. Leave weigh out, or use balance"
-    for rule in ("fixed:0.5,combiner=power,weigh=heuristic", "thesis:weigh=heuristic,combiner=power"):
-        with pytest.raises(ValueError, match=message):
-            dmis.render(disk(), rule, 8)
-    with pytest.raises(ValueError, match=message):
-        dmis.render(disk(), dmis.Given(0.5, weigh="heuristic"), 4, combiner="power")
 
 
 @pytest.mark.parametrize(

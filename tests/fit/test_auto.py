@@ -54,7 +54,7 @@ def pilot(curve: Array, position: Array | float = 0.0, shape: tuple[int, int] = 
     sums["position"] = np.broadcast_to(position, (4, *patches))
     looked_at = looks_at(shape)[..., None]
     film = Film(2 * looked_at, np.repeat(looked_at, 3, axis=2).astype(np.float32), np.zeros((*shape, 3), np.float32))
-    return replace(film, rays=RAYS, sums=sums)
+    return replace(film, rays=RAYS, sums=sums, budget=64)
 
 
 def first_film(root: Array, mean: Array | float = 1.0, budget: int = 10**6) -> Film:
@@ -211,34 +211,30 @@ def test_pilots_of_paths_tell_whether_numbers_may_pay() -> None:
     """A quarter of the patches with 32 times the variance; and a variance that only half of the pixels see."""
     position = np.ones((4, 16, 16))
     position[:, :8, :8] = 32
-    promised = error_of_numbers(replace(pilot(FLAT, position, (64, 64)), budget=64), "relative", 1.2, 8)
+    film = pilot(FLAT, position, (64, 64))
+    promised = error_of_numbers(film, "relative", 1.2, 8)
     # n ~ V^(t / 2.2) with t = 3/4 where 8 of 16 columns and rows have more, away from the filtered edge
     n = np.array([1.0, 32.0]) + 1  # P and A / 2 of a curve of 1
     number = n ** (0.75 / 2.2) / (np.array([0.75, 0.25]) @ n ** (0.75 / 2.2))
     expected = np.array([0.75, 0.25]) @ (n * number**-1.2) / (np.array([0.75, 0.25]) @ n)
     assert promised == pytest.approx(expected, rel=0.1) and promised < 0.7
-    assert error_of_numbers(replace(pilot(FLAT, 1.0, (64, 64)), budget=64), "relative", 1.2, 8) == pytest.approx(1)
+    assert error_of_numbers(pilot(FLAT, 1.0, (64, 64)), "relative", 1.2, 8) == pytest.approx(1)
     bright = np.where(np.kron(position[0] > 1, np.ones((PATCH, PATCH), bool)), np.sqrt(32), 1)
-    film = pilot(FLAT, position, (64, 64))
-    film = replace(
-        film, mean=film.mean * bright[..., None].astype(np.float32), budget=64
-    )  # deviations in proportion to the radiance
+    # deviations in proportion to the radiance
+    film = replace(film, mean=film.mean * bright[..., None].astype(np.float32))
     assert error_of_numbers(film, "absolute", 1.2, 8) < 0.7 and error_of_numbers(film, "relative", 1.2, 8) > 0.9
     luck = np.random.default_rng(1).lognormal(0, 2, (2, 16, 16))[[0, 1, 1, 0]]
-    assert error_of_numbers(replace(pilot(FLAT, luck, (64, 64)), budget=64), "relative", 1.2, 8) > 0.95
+    assert error_of_numbers(pilot(FLAT, luck, (64, 64)), "relative", 1.2, 8) > 0.95
 
 
 def test_pilots_of_some_patches_judge_alike() -> None:
     """What the pilot has not seen counts nowhere: neither as dark pixels, nor as zeros among neighbours."""
-    np.testing.assert_array_equal(
-        patch_sum(looks_at((64, 64), 2), PATCH) > 0, np.indices((16, 16)).sum(axis=0) % 2 == 0
-    )
     curve, position = FLAT * 0.5, np.ones((4, 16, 16))
     curve[0] = 0.01
     position[:, :8] = 32
     brightness = np.kron(np.repeat([1.0, 6.0], 8), np.ones(PATCH))[:, None, None].astype(np.float32)
     whole = pilot(curve, position, (64, 64))
-    whole = replace(whole, mean=whole.mean * brightness, budget=64)
+    whole = replace(whole, mean=whole.mean * brightness)
     orders = np.random.default_rng(4).random((8, 8, 4)).argsort(axis=2)  # one of 2x2 patches, in all parts alike
     seen = (orders == 0).reshape(8, 8, 2, 2).swapaxes(1, 2).reshape(16, 16)
     mask = patch_spread(seen, PATCH, (64, 64))[..., None]
@@ -271,6 +267,8 @@ def test_the_pilot_looks_at_one_pixel_of_each_colour_in_a_patch() -> None:
     mask = by_colour(looks_at((8, 12)))
     np.testing.assert_array_equal(patch_sum(mask, PATCH), np.ones((4, 2, 3)))
     assert len(LOOKS) == 4 and patch_sum(looks_at((5, 9)), PATCH).min() == 1
+    every_second = np.indices((16, 16)).sum(axis=0) % 2 == 0
+    np.testing.assert_array_equal(patch_sum(looks_at((64, 64), 2), PATCH) > 0, every_second)
 
 
 # --- numbers of samples
@@ -289,7 +287,7 @@ def test_spikes_not_seen_yet_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("error", ["absolute", "relative"])
-@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 3), (3, 2), (17, 30)])
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (17, 30)])
 def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int], error: str) -> None:
     """Samples of one colour's pixels change: their numbers do not, those of others do."""
     first, rule = random_film(shape), replace(PLAIN, error=error)
@@ -415,7 +413,7 @@ def test_paths_have_a_first_round_only_if_numbers_may_pay(position: Array | floa
     budget = Budget(64, (64, 64), dmis.Settings(sampler="sobol", integrator="path", max_depth=5))
     rounds = Auto().rounds(budget)
     assert next(rounds).stage == "pilot"
-    round_ = rounds.send(replace(pilot(FLAT, position, (64, 64)), budget=64))
+    round_ = rounds.send(pilot(FLAT, position, (64, 64)))
     spp = 64 if stage == "final" else 16
     assert (round_.stage, round_.spp, round_.begin, round_.image_weight) == (stage, spp, 0, spp)
 
@@ -444,7 +442,7 @@ def test_first_round_grows_with_the_budget() -> None:
 
 @pytest.mark.parametrize(
     ("rule", "least", "others"),
-    [("auto", 16, (1, 15)), ("counts", 16, (7,)), ("auto:spp=16", 32, (31,)), ("balance", 0, ()), ("thesis", 0, ())],
+    [("auto", 16, (1, 15)), ("auto:spp=16", 32, (31,)), ("balance", 0, ())],
 )
 def test_small_budgets_have_equal_numbers(box: dmis.Scene, rule: str, least: int, others: tuple[int, ...]) -> None:
     """Below twice the first round there is none, and the provenance has the reason."""

@@ -9,10 +9,8 @@ import pytest
 from planted import PLAIN, pilot_of_curves
 
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
-from dmis.fit.pooling import pool
 from dmis.fit.registry import make_rule
 from dmis.fit.second_moment import SecondMoment
-from dmis.scene.feature_buffers import FEATURE_SCALES
 from dmis.variance.curves import GRID
 
 
@@ -110,16 +108,6 @@ def test_size_and_sigma_of_the_filter() -> None:
     curve[:, 3, 4] = 1
     variance = SecondMoment(filter="gaussian", size=3, sigma=0.5).fit(pilot_of_curves(curve)).maps["variances"][0]
     assert np.count_nonzero(variance) == 9 and variance[3, 5] / variance[3, 4] == pytest.approx(np.exp(-2))
-
-
-def test_filter_of_features_that_are_alike() -> None:
-    """Some rows of patches at a time, the joint filter is the Gaussian of all, and so is its number of pixels."""
-    sums = {"a": np.random.default_rng(1).random((2, 70, 5))}
-    alike = {name: np.zeros((1, 70, 5)) for name in FEATURE_SCALES}
-    (gaussian, number), (joint, other) = (pool(sums, (280, 20), 4, 1.0, 2, features) for features in (None, alike))
-    inner = slice(2, -2), slice(2, -2)  # at the border they differ
-    np.testing.assert_allclose(joint["a"][:, *inner], gaussian["a"][:, *inner])
-    np.testing.assert_allclose(other[inner], number[inner])
 
 
 def test_objective_is_least_for_the_image() -> None:

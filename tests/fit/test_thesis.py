@@ -20,7 +20,7 @@ def code(name: str) -> int:
 
 
 @pytest.mark.parametrize("minimum", [0.0, 0.1, 0.5, 0.77, 1.0])
-@pytest.mark.parametrize("curvature, floor", [(1.0, 0.0), (1e-6, 1e-6), (1e8, 3e7), (0.01, 1.0)])
+@pytest.mark.parametrize("curvature, floor", [(1.0, 0.0), (1e-150, 0.0), (1e150, 1e150), (0.01, 1.0)])
 def test_planted_minimum(minimum: float, curvature: float, floor: float) -> None:
     """The minimum of a parabola through three of its points is recovered to 1e-12, whatever its scale.
 
@@ -176,18 +176,14 @@ def test_ragged_patches_may_count_by_their_area() -> None:
         ("fixed:w=0.25", Fixed(0.25)),
         ("fixed:1,combiner=power", Fixed(1.0, "power")),
         (" balance ", Fixed(combiner="balance")),
-        ("balance:combiner=maximum", Fixed(combiner="maximum")),
         ("pbrt", Fixed(combiner="power")),
-        ("one-sample", Fixed(allocation="random")),
         ("one-sample:0.25", Fixed(0.25, allocation="random")),
         ("uniform", Fixed(1.0, techniques=("uniform", "brdf"))),
         ("thesis", Thesis()),
-        ("thesis:", Thesis()),
         ("thesis:8,filter=none", Thesis(8, filter="none")),
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
         ("thesis:channels=rgb,size=3,reuse=no", Thesis(channels="rgb", size=3, reuse=False)),
         ("thesis:reuse=ON", Thesis(reuse=True)),
-        ("thesis:auto", Thesis("auto")),
         ("thesis:patch=auto,no_signal=skip,ragged=area", Thesis("auto", no_signal="skip", ragged="area")),
     ],
 )

@@ -225,16 +225,6 @@ def test_processes_wait_for_the_next_call(box, wide, pickled):
     assert len(multiprocessing.active_children()) == 1  # one tile, and no more of the other scene
 
 
-def test_rules_of_two_rounds_have_the_same_bits(wide):
-    """Patterns, numbers of samples and the image, for any number of threads or processes."""
-    one, *others = (
-        dmis.render(wide, "auto", 32, seed=5, sampler="sobol", parallel=n) for n in (1, 3, dmis.Processes(2))
-    )
-    for other in others:
-        check(other, one)
-    assert len(np.unique(one.samples)) > 2 and len(np.unique(one.weight)) > 1
-
-
 def test_another_version_is_refused(box, monkeypatch):
     """A worker of another version than the one that asks says so."""
     monkeypatch.setattr(executor, "_call", partial(_older, executor._call))

@@ -18,7 +18,6 @@ from dmis.estimator.records import Record
 from dmis.fit.best_pattern import looks_at
 from dmis.fit.round import Budget, Round
 from dmis.fit.sample_density import FirstRound
-from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.result import costly_pilot
@@ -56,20 +55,6 @@ def test_tiles_are_merged_to_their_places_in_any_order(tiles):
         left, right, bottom = (part.sums["curve"] for _, part in tiles)
         whole = np.concatenate([np.concatenate([left, right], axis=-1), bottom], axis=-2)
         np.testing.assert_array_equal(film.sums["curve"], whole)
-
-
-def test_tiles_of_a_checkpoint_are_those_that_were_appended(tiles, tmp_path):
-    """The film of a tile comes back from the file, and only those of the pass that is asked for."""
-    store = Store(tmp_path / "c", {"seed": 1})
-    for tile, part in tiles:
-        store.append(tile, part)
-    store = Store(tmp_path / "c", {"seed": 1})
-    assert not list(store.finished_tiles(2))
-    for (tile, part), (number, read) in zip(tiles, store.finished_tiles(3), strict=True):
-        assert (number, read.n, read.rays) == (tile.number, part.n, part.rays)
-        for name in ("mean", "root"):
-            np.testing.assert_array_equal(getattr(read, name), getattr(part, name))
-        np.testing.assert_array_equal(read.sums["curve"], part.sums["curve"])
 
 
 def test_variance_of_the_pilot_in_an_image():

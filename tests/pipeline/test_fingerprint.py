@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import pickle
 import pkgutil
 import subprocess
 import sys
@@ -237,20 +236,6 @@ def test_a_scene_without_fingerprint_is_rendered(tmp_path):
     with pytest.raises(ValueError, match="must be made of numbers"):
         dmis.render(scene, "balance", 2, checkpoint=tmp_path / "c", progress=pytest.fail, parallel=1)
     assert not (tmp_path / "c").exists()
-
-
-def test_render_hashes_only_stored_values(box, monkeypatch):
-    """The scene is hashed when the provenance is read, once; a pickled result has it."""
-    calls = []
-    monkeypatch.setattr(
-        "dmis.pipeline.fingerprint.fingerprint", lambda scene: calls.append(scene) or fingerprint(scene)
-    )
-    result = dmis.render(box, "thesis:patch=4", 8, parallel=1)
-    assert not calls
-    again = pickle.loads(pickle.dumps(result))
-    assert len(calls) == 1 and again.provenance == result.provenance and len(calls) == 1
-    assert result.provenance["scene_hash"] == fingerprint(box)
-    np.testing.assert_array_equal(again.image, result.image)
 
 
 @dataclass(frozen=True, eq=False)

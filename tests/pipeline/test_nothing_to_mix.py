@@ -100,9 +100,3 @@ def test_one_light_with_two_techniques_is_enough(delta_scene: dmis.Scene) -> Non
         result = dmis.render(scene, "thesis", 8, seed=1)
         assert ("nothing_to_mix" not in result.provenance) == learned == (result.maps != {})
         assert ("nothing to mix" in scene.describe()) != learned
-
-
-def test_oracle_of_scenes_without_choice(delta_scene: dmis.Scene, tmp_path) -> None:
-    """All shares have the same variance."""
-    with pytest.raises(ValueError, match="has nothing to mix"):
-        dmis.make_oracle(delta_scene, 8, folder=tmp_path)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.image import png_of, write_png
@@ -30,23 +31,14 @@ class Keep(dmis.Rule):
 
 
 def small() -> dmis.Scene:
-    return dmis.load_scene("teapot-area-light", resolution=(20, 12))
+    return shared_scene("teapot-area-light", (20, 12))
 
 
-def test_result_is_one_line() -> None:
+def test_scenes_results_and_pilots_are_one_line() -> None:
     text = repr(dmis.render(small(), "thesis:patch=4", 8))
     assert re.fullmatch(r"Result\(teapot-area-light 20x12, rule thesis:patch=4, 8 spp, \d+\.\d s\)", text)
-
-
-def test_scene_is_one_line() -> None:
-    triangle = dmis.Mesh(np.eye(3), np.array([[0, 1, 2]]))
-    assert repr(dmis.load_scene(triangle, (20, 12))) == "Scene(scene 20x12, 2 parts, 3 triangles, 2 lights)"
     assert re.fullmatch(r"Scene\(teapot-area-light 20x12, \d parts, [\d,]+ triangles, 2 lights\)", repr(small()))
-
-
-def test_pilot_is_one_line() -> None:
-    rule = Keep()
-    dmis.render(small(), rule, 4)
+    dmis.render(small(), rule := Keep(), 4)
     assert [repr(pilot) for pilot in rule.kept] == ["Film(20x12, 2 spp, light + brdf, sums: none)"]
 
 
@@ -63,14 +55,6 @@ def test_average_has_the_unbiased_variance() -> None:
     assert predicted == pytest.approx(np.var(means, axis=0, ddof=1)[dim].mean(), rel=0.2)
     with pytest.raises(ValueError, match="results must be two renders or more"):
         dmis.average([])
-
-
-@pytest.mark.parametrize("name", ["a.exr", "a.png"])
-def test_arrays_are_written_as_images(tmp_path: Path, name: str) -> None:
-    dmis.write_image(tmp_path / name, np.full((4, 5, 3), 0.5))
-    assert (tmp_path / name).stat().st_size > 0
-    if name == "a.exr":
-        np.testing.assert_array_equal(dmis.read_exr(tmp_path / name)[0]["RGB"], 0.5)
 
 
 def test_notebook_shows_the_picture(tmp_path: Path) -> None:

@@ -110,12 +110,17 @@ def test_standard_error_of_the_gain() -> None:
 
 
 def test_black_pixels() -> None:
-    """A pilot without records has curves of 0, and so has one whose samples towards a light are all occluded."""
+    """A pilot without records has curves of 0, and so has one whose samples towards a light are all occluded.
+
+    One camera sample has no variance.
+    """
     record = Record(0, (0,), 0, np.arange(6), np.zeros((3, 6), np.float32), np.ones((2, 6), np.float32))
     for records in ([], [record]):
         curves = Curves(2, 4, combiner="power")
         curves.add(records, np.zeros((3, 6), np.float32), 3)
         assert all((a == 0).all() for a in curves.sums().values())
+    with pytest.raises(ValueError, match="at least two camera samples"):
+        Curves(4, 4).add([], np.zeros((3, 4), np.float32), 1)
 
 
 def test_blocks_without_records_count() -> None:
@@ -125,12 +130,6 @@ def test_blocks_without_records_count() -> None:
     curves.add([], np.zeros((3, 100), np.float32), 2)
     for name in ("curve", "pattern", "position"):
         np.testing.assert_allclose(curves.sums()[name], before[name] / 2)
-
-
-def test_one_camera_sample_is_too_few() -> None:
-    """Curves from one camera sample raise an error, because a variance needs two."""
-    with pytest.raises(ValueError, match="at least two camera samples"):
-        Curves(4, 4).add([], np.zeros((3, 4), np.float32), 1)
 
 
 @pytest.mark.parametrize("w, combiner", [(0.08, "balance"), (0.27, "power")])
