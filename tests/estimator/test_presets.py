@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pin_preset
@@ -11,7 +10,6 @@ import pytest
 from helpers import shared_scene
 
 import dmis
-from dmis.cli.commands import main
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.settings import make_settings
 from dmis.fit.rule import merge_settings
@@ -96,15 +94,6 @@ def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
     for name, one in (("path", True), ("direct", False)):
         settings, _ = merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions(name)))
         assert settings.one_light == one and settings.preset == "thesis"
-
-
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``render`` takes --preset; an option that it pins is refused with exit code 2."""
-    small = ["teapot-area-light", "--resolution", "16x12", "--spp", "8", "--quiet", "--preset", "thesis"]
-    assert main(["render", *small, "-o", str(tmp_path / "a.exr"), "--shading-samples", "4"]) == 0
-    assert '"preset": "thesis"' in dmis.read_exr(tmp_path / "a.exr")[1]["dmis.provenance"]
-    assert main(["render", *small, "-o", str(tmp_path / "a.exr"), "--sampler", "sobol"]) == 2
-    assert "preset thesis has sampler 'independent' or 'lowdiscrepancy'; got 'sobol'" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LAMP, Z_LIMIT, images_z_score, lamp_images, z_score
+from helpers import Z_LIMIT, images_z_score, lamp_images, z_score
 
-import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.materials import plastic
 from dmis.estimator.allocation import systematic_counts
 from dmis.estimator.records import Record
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.registry import make_rule
-from dmis.testing.scenes import box_scene
 from dmis.variance.moments import Film
 
 pytestmark = pytest.mark.usefixtures("literature")
@@ -165,15 +162,6 @@ def test_covariance_of_rounding(simplex: Any, shares: tuple[float, ...], s: int)
 def test_images_are_unbiased(rule: str, settings: dict[str, Any]) -> None:
     """Against light and BRDF samples with the balance heuristic."""
     assert abs(images_z_score(lamp_images(rule, **settings), lamp_images("balance", 500, **settings))) < Z_LIMIT
-
-
-def test_the_image_does_not_depend_on_threads() -> None:
-    scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(40, 33))
-    one, three = (dmis.render(scene, "simplex", 12, seed=3, parallel=n) for n in (1, 3))
-    np.testing.assert_array_equal(one.image, three.image)
-    assert one.maps["patch"].shape == (3, 9, 10) and one.provenance["settings"]["techniques"][2] == "resampled"
-    np.testing.assert_allclose(one.maps["patch"].sum(axis=0), 1)
-    np.testing.assert_array_equal(one.weight, np.kron(one.maps["patch"][0], np.ones((4, 4)))[:33].astype(np.float32))
 
 
 def test_the_price_is_that_of_the_minimum(simplex: Any) -> None:

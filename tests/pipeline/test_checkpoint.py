@@ -84,18 +84,6 @@ def test_only_the_missing_tiles_are_rendered(wide, tmp_path):
     assert not os.listdir(tmp_path)
 
 
-@pytest.mark.parametrize(("rule", "after"), [("auto", 7), ("counts", 1)])
-def test_rules_of_two_rounds_resume(wide, tmp_path, rule, after):
-    """After a kill in the second round and in the first: numbers of samples are those of one go."""
-    options = {"rule": rule, "sampler": "sobol"}
-    whole = dmis.render(wide, **{**OPTIONS, **options})
-    file = interrupt(wide, tmp_path / "c", after, **options)
-    resumed = dmis.render(wide, checkpoint=file, **{**OPTIONS, **options, "parallel": 2})
-    for name in ("image", "deviation", "samples", "weight", "shading_samples"):
-        np.testing.assert_array_equal(getattr(whole, name), getattr(resumed, name))
-    assert whole.rays == resumed.rays
-
-
 def start(folder, result, size, room=10**6):
     """A render in a process of its own, which begins at `go`; the disk has room for so many tiles."""
     command = [sys.executable, "-c", CHILD, *map(str, (folder, result, size, room))]
@@ -198,16 +186,18 @@ def test_two_processes_share_a_checkpoint(tmp_path):
         ({"rule": "thesis:patch=4"}, "rule is thesis in the checkpoint and thesis:patch=4 in this render"),
         ({"lights": "one"}, "settings.lights is auto in the checkpoint and one in this render"),
         ("scene", r"scene_hash is \w+ in the checkpoint and \w+ in this render"),
-        ("version", r"dmis is 0\.1\S+ in the checkpoint and 9\.9 in this render"),
+        (("job.__version__", "9.9"), r"dmis is 0\.1\S+ in the checkpoint and 9\.9 in this render"),
+        (("tile.CHUNK", 2**10), r"tiles\.batch is 65536 in the checkpoint and 1024 in this render; tiles.chunk .*"),
+        (("fingerprint.package_hash", lambda: "0"), r"package_hash is \w+ in the checkpoint and 0 in this render"),
     ],
 )
 def test_a_checkpoint_of_another_image_is_refused(wide, tmp_path, monkeypatch, changes, difference):
-    """The difference is named, no other is, and the folder is left alone."""
+    """The difference is named, no other is, and the folder is left alone; tiles have one size in a checkpoint."""
     file = interrupt(wide, tmp_path / "c", 1)
     before = {path: path.read_bytes() for path in file.iterdir()}
     scene = replace(wide, lights=wide.lights[:1]) if changes == "scene" else wide
-    if changes == "version":
-        monkeypatch.setattr(sys.modules["dmis.pipeline.job"], "__version__", "9.9")
+    if isinstance(changes, tuple):
+        monkeypatch.setattr(f"dmis.pipeline.{changes[0]}", changes[1])
     options = {**OPTIONS, **(changes if isinstance(changes, dict) else {})}
     with pytest.raises(ValueError, match=f"belongs to a different image; .*: {difference}$"):
         dmis.render(scene, checkpoint=file, **options)

@@ -98,13 +98,6 @@ def test_a_dead_process_ends_with_how_to_resume(wide, threaded, pickled, tmp_pat
     assert 0 < len(finished) <= 15 - len(progress.done)
 
 
-def test_half_a_result(wide, monkeypatch):
-    """A process that dies while it sends a tile is an error like any other."""
-    monkeypatch.setattr(executor, "_serve", _half)
-    with pytest.raises(ChildProcessError, match="workers died before all tiles were rendered"):
-        dmis.render(wide, "balance", 2, parallel=dmis.Processes(2))
-
-
 def test_processes_with_a_dead_one_are_not_kept(box):
     """Even if no other call was waiting: the next render would get the same processes, one of which is dying."""
     with closing(executor.Workers(box, dmis.Processes(1))) as workers, pytest.raises(ChildProcessError):
@@ -123,17 +116,24 @@ def _half(pipe, _):
     os._exit(1)
 
 
-def test_an_error_in_a_process_is_the_error_of_the_render(wide, monkeypatch):
-    """With its own type and message; the processes are gone."""
-    monkeypatch.setattr(executor, "_serve", _failing)
-    with pytest.raises(ZeroDivisionError, match="by zero"):
-        dmis.render(wide, "balance", 2, parallel=dmis.Processes(2))
-    assert not multiprocessing.active_children()
-
-
 def _failing(pipe, plugins):
     executor.render_tile = lambda *_: 1 / 0
     executor._serve(pipe, plugins)
+
+
+@pytest.mark.parametrize(
+    ("serve", "error", "message"),
+    [
+        (_half, ChildProcessError, "workers died before all tiles were rendered"),
+        (_failing, ZeroDivisionError, "by zero"),
+    ],
+)
+def test_an_error_in_a_process_is_the_error_of_the_render(wide, monkeypatch, serve, error, message):
+    """A process that dies while it sends a tile, and an error with its own type and message; the processes are gone."""
+    monkeypatch.setattr(executor, "_serve", serve)
+    with pytest.raises(error, match=message):
+        dmis.render(wide, "balance", 2, parallel=dmis.Processes(2))
+    assert not multiprocessing.active_children()
 
 
 def test_a_given_pool_reads_the_scene_once(wide, threaded, pickled):
@@ -147,13 +147,26 @@ def _reads():
     return executor._load.cache_info().misses
 
 
+def run_script(folder, text):
+    """A process that runs a script, whose temporary files are in its folder."""
+    (folder / "script.py").write_text(text)
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": str(Path(dmis.__file__).parent.parent)}
+    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    return subprocess.Popen([sys.executable, folder / "script.py"], env=environment, text=True, **pipes)
+
+
+def test_error_names_missing_main_guard(tmp_path):
+    """The error names the line that the script lacks; no file is left."""
+    text = "import dmis\ndmis.render(dmis.load_scene('cornell', (16, 16)), 'balance', 2, parallel=dmis.Processes(2))"
+    with run_script(tmp_path, text) as process:
+        last = process.communicate(timeout=300)[1].splitlines()[-1]
+    assert process.returncode == 1 and os.listdir(tmp_path) == ["script.py"]
+    assert last.startswith("ChildProcessError") and 'outside of `if __name__ == "__main__":`' in last
+
+
 def test_processes_end_with_the_one_that_started_them(tmp_path):
     """Killed with -9, it leaves neither workers nor files behind."""
-    script = tmp_path / "script.py"
-    script.write_text(SCRIPT)
-    command = [sys.executable, script]
-    environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(dmis.__file__).parent.parent)}
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+    with run_script(tmp_path, SCRIPT) as process:
         pids = process.stdout.readline().split()
         assert len(pids) == 2
         process.kill()
@@ -162,21 +175,6 @@ def test_processes_end_with_the_one_that_started_them(tmp_path):
         assert time.monotonic() < end
         time.sleep(0.05)
     assert os.listdir(tmp_path) == ["script.py"]
-
-
-def test_error_names_missing_main_guard(tmp_path):
-    """The error names the line that the script lacks; no file is left."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import dmis\n"
-        "scene = dmis.load_scene('cornell', resolution=(16, 16))\n"
-        "dmis.render(scene, 'balance', 2, parallel=dmis.Processes(2))\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(Path(dmis.__file__).parent.parent), "TMPDIR": str(tmp_path)}
-    ended = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=300)
-    assert ended.returncode == 1 and [path.name for path in tmp_path.iterdir()] == ["script.py"]
-    last = ended.stderr.splitlines()[-1]
-    assert last.startswith("ChildProcessError") and 'outside of `if __name__ == "__main__":`' in last
 
 
 def _blocks_ctrl_c(pid):
@@ -251,7 +249,7 @@ def test_results_are_let_go(wide, monkeypatch):
     assert len(most) == 15 and max(most) <= 3
 
 
-@pytest.mark.parametrize("parallel", [0, 1.5, True, "4", dmis.Processes])
+@pytest.mark.parametrize("parallel", [0, 1.5, True, "4"])
 def test_bad_parallel(box, parallel):
     """The message says what is allowed."""
     message = "parallel must be a whole number from 1 to 1024, the number of threads; or dmis.Processes.*; got "
