@@ -29,9 +29,3 @@ def test_equal_time_intervals_hold_the_truth() -> None:
         _, low, high = equal_time_ratio(rule, baseline)
         inside += low < 1 < high
     assert 0.93 < inside / 2000 < 0.99
-
-
-def test_equal_time_is_unknown_without_errors() -> None:
-    assert np.isnan(equal_time_ratio([run("auto", 2, 0, 1, 0.0)], [[run("balance", 2, 0, 1, 1.0)]]).value)
-    value, low, _ = equal_time_ratio([run("auto", 2, 0, 1, 0.5)], [[run("balance", 2, 0, 1, 1.0)]])
-    assert value == pytest.approx(0.5) and np.isnan(low)

@@ -1,9 +1,8 @@
-"""The exercises: each starter fails its check, each solution passes; solutions written anew pass, wrong ones fail."""
+"""The exercises: each starter fails its check, each solution passes; likely mistakes get advice."""
 
 from __future__ import annotations
 
 import importlib
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -53,91 +52,6 @@ def test_starters_solutions_and_checks_have_the_same_numbers() -> None:
     names = [path.name for path in STARTERS]
     assert sorted(path.name for path in (FOLDER / "solutions").glob("*.py")) == names
     assert [int(name[:2]) for name in names] == sorted(EXERCISES) == list(range(1, 25))
-
-
-VELVET = """
-from dataclasses import dataclass
-from typing import ClassVar
-import numpy as np
-from dmis.brdf.lobe import Lobe
-
-@dataclass(frozen=True, eq=False)
-class Velvet(Lobe):
-    reflectance: float
-    colours: ClassVar = ("reflectance",)
-    def eval(self, d):
-        return self.reflectance * ((1 - d.cos_o) * (1 - d.cos_i)) ** 2 / np.pi
-    def pdf(self, d):
-        return DENSITY
-    def sample(self, surface, u):
-        cos = COSINE
-        sin, phi = np.sqrt(1 - cos * cos), 2 * np.pi * u[1]
-        s, t = surface.tangents
-        return sin * np.cos(phi) * s + sin * np.sin(phi) * t + cos * surface.n
-"""
-RULE = """
-import dmis
-import numpy as np
-from dmis.filter import gaussian
-class Mine(dmis.Rule):
-    pilot = {0.0: 2, 1.0: 2}
-    settings = {"reuse_pilot": False}
-    def fit(self, pilot):
-        brdf, light = (pilot[k].variance().mean(axis=2) for k in (0.0, 1.0))
-        h, w = brdf.shape
-        SHARE
-"""
-SECOND = """
-import numpy as np
-def second_moment(x, d, w):
-    m = 1 + (2 * w - 1)[:, None] * d
-    y = np.divide(x * x, m, where=m > 0, out=0 * m)
-    return """
-BOTH = """
-import numpy as np
-def estimate(f_l, p_ll, p_bl, f_b, p_lb, p_bb):
-    f, p, q = (np.vstack(x) for x in ((f_l, f_b), (p_ll, p_lb), (p_bl, p_bb)))
-    k = len(f_l) / len(f)
-    return (f / (k * p + (1 - k) * q)).mean(axis=0)
-"""
-MIRROR = "def mirror(wo, n):\n    n = n * (2 * (wo * n).sum(axis=0))\n    n -= wo\n    return n"
-SMOOTH = "6 * d.cos_i * (1 - d.cos_i) * d.above / (2 * np.pi)", "0.5 - np.sin(np.arcsin(1 - 2 * u[0]) / 3)"
-UNIFORM = "d.above / (2 * np.pi)", "u[0]"
-
-
-def velvet(density: str, cosine: str) -> str:
-    """Return a solution of exercise 20 with the density and the cosine of a sampled direction."""
-    return VELVET.replace("DENSITY", density).replace("COSINE", cosine)
-
-
-RIGHT = {
-    "mirror, a copy in place": (1, MIRROR),
-    "both techniques as one": (11, BOTH),
-    "second moment": (17, SECOND + "y.sum(axis=1) / len(x)"),
-    "velvet by tangents": (20, velvet(*SMOOTH)),
-}
-WRONG = {
-    "normals as they are": (1, "def mirror(wo, n): return n", "wi and wo have the same angle to n"),
-    "an argument changed": (1, "def mirror(wo, n):\n    wo[:] = n\n    return n", "the caller's: change a copy"),
-    "equal numbers": (11, BOTH.replace("k = len(f_l) / len(f)", "k = 1 / 2"), r"A sample counts f / \(n_l p_l"),
-    "light samples alone": (11, BOTH.replace("return ", "return (f_l / p_ll).mean(axis=0) #"), "the variance is"),
-    "self-normalised": (17, SECOND + "y.sum(axis=1) / m.sum(axis=1)", "A sample at w is worth"),
-    "squares alone": (17, SECOND + "(y * m).mean(axis=1)", "A sample at w is worth"),
-    "velvet, uniform": (20, velvet(*UNIFORM), r"relative variance of f cos / p is 0\.37"),
-    "velvet, another density": (20, velvet(UNIFORM[0], SMOOTH[1]), "samples follow the density"),
-    "share by the height": (21, RULE.replace("SHARE", "return dmis.Fit(1.0 if h > 36 else 0.1)"), "learn it from the"),
-    "a shipped fit": (21, "import dmis\nMine = type(dmis.make_rule('second-moment'))", "Mine must define fit"),
-}
-
-
-@pytest.mark.parametrize(("number", "text"), RIGHT.values(), ids=RIGHT)
-def test_right_solutions_pass(number: int, text: str) -> None:
-    assert failures(number, text) == ""
-
-
-@pytest.mark.parametrize(("number", "text", "message"), WRONG.values(), ids=WRONG)
-def test_wrong_solutions_fail(number: int, text: str, message: str) -> None:
-    assert re.search(message, failures(number, text))
 
 
 MISTAKES: list[tuple[int, str, str, str]] = [

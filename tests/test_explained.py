@@ -95,11 +95,3 @@ def test_pixel_without_noise(script, capsys) -> None:
     script["show"](why)
     assert "  0.0% of V: light and BRDF samples" in capsys.readouterr().out and why["largest"] == []
     script["draw"](why)
-
-
-def test_script(run_script, tmp_path) -> None:  # noqa: F811
-    """It prints and draws."""
-    picture = tmp_path / "why.png"
-    printed = run_script(SCRIPT, "--quick", "--scene", "teapot-area-light", "-o", picture)
-    assert printed.startswith("pixel (15, 20): mean ") and printed.rstrip().endswith(str(picture))
-    assert picture.stat().st_size > 10_000

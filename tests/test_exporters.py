@@ -52,12 +52,6 @@ def test_table_of_cpp(tmp_path):
     assert doctor_faults.named("cosine", dmis.diagnose(wrong).causes)
 
 
-def test_exporters_are_short():
-    """They are read before they are used."""
-    for name, most in (("dmis_samples.h", 80), ("demo.cpp", 20), ("mitsuba_table.py", 100)):
-        assert (EXPORTERS / name).read_text("utf-8").count("\n") <= most
-
-
 def test_table_of_mitsuba():
     """The box of Mitsuba is right; with a density per area, and with a cosine forgotten, it is not."""
     mi = pytest.importorskip("mitsuba")

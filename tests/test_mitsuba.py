@@ -162,38 +162,6 @@ def test_lights_are_picked_by_power():
         np.testing.assert_allclose(np.array(probability), expected, rtol=5e-3)  # the disk's mesh is a polygon
 
 
-def test_turns_are_compared():
-    """Errors, times and bias of contestants that take turns."""
-    import against_mitsuba as benchmark
-
-    mi.set_variant("llvm_ad_rgb")  # the script begins with another one
-    rng = np.random.default_rng(6)
-
-    def contestant(deviation, bias=0.0):
-        return lambda: lambda spp, seed: bias + deviation * rng.normal(size=(64, 64, 3)), 16
-
-    contestants = {"one": contestant(1.0), "two": contestant(2.0), "biased": contestant(1.0, 1.0)}
-    turns = benchmark.take_turns(contestants, range(3))
-    assert turns.images["two"].shape == (3, 64, 64, 3) and turns.seconds["two"].shape == (3,)
-    seconds = {"one": np.array([1.0, 1.1, 1.2]), "two": np.array([3.0, 3.3, 3.6]), "biased": np.ones(3)}
-    turns = replace(turns, seconds=seconds)
-    black = np.zeros((64, 64, 3), np.float32)
-    reference = dmis.Reference(black, black, 1)
-    value, half = turns.ratio("two", "one", reference, "mse")  # 4 times the error in 3 times the time
-    assert abs(value - 12) < 2 * half and 0.05 < half < 1.5
-    assert abs(turns.cost("two", reference, "mse") / (4 * 3.3) - 1) < 0.1
-    assert abs(turns.common("one", reference)) < 0.05 and abs(turns.common("biased", reference) - 0.5) < 0.05
-
-
-def test_features_without_counterpart_are_refused():
-    """A lobe that Mitsuba has not got, and a light without a surface."""
-    with pytest.raises(ValueError, match="a lobe must have a counterpart"):
-        mitsuba_lobes.Lobes(matte(0.5, sigma=20))
-    scene = room(matte())
-    with pytest.raises(ValueError, match="a surface if it has an area"):
-        mitsuba_scene.translate(replace(scene, parts=scene.parts[:2]), exact=True)
-
-
 @pytest.mark.slow
 def test_scripts(tmp_path):
     """Both write rows: a gain over Mitsuba's best set-up in equal time, and images that agree."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -60,11 +59,6 @@ def test_modules_are_attributes_of_their_packages() -> None:
 def test_unknown_names_are_missing_attributes(text: str) -> None:
     with pytest.raises(AttributeError, match=f"has no attribute '{text.rpartition('.')[2]}'"):
         eval(f"dmis.{text}")
-
-
-def test_a_name_that_is_nearly_right_is_suggested() -> None:
-    done = subprocess.run([sys.executable, "-c", "import dmis; dmis.mate"], capture_output=True, text=True)
-    assert "Did you mean: 'matte'?" in done.stderr
 
 
 def test_a_missing_package_is_not_a_missing_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import show_weights
 from rows import write_rows
 from weight_bounds import BOUNDS
 
-from dmis.bench.data import GRID, HALF, Truth
+from dmis.bench.data import HALF
 from dmis.bench.judge import Score
 from tests.test_weight_bounds import planted
 
@@ -31,21 +31,6 @@ def test_orders_that_change() -> None:
     }
     small, large = ({name: sizes[k] for name, sizes in rules.items()} for k in range(2))
     assert show_weights.order_rows(large, small) == [["tt", "3", "1"]]
-
-
-def test_best_tilts_count_patches_by_weight() -> None:
-    """The error of the best tilt of each patch, without each group of blocks."""
-    t = GRID[:, None].astype(float)
-    curves = np.concatenate([1 + (t - 0.5) ** 2, 2 + 0 * t], axis=1)[..., None].repeat(6, axis=1)
-    curves[3, ::2] = 0.5
-    weight = np.array([[1.0], [3.0]] * 6)
-    truth = Truth(np.broadcast_to(curves, (2, 2, *curves.shape)), curves[0], curves, (48, 4), weight, 12)
-    ratios = measure_weights.best_tilts(truth, 0)
-    assert ratios.shape == (12,)
-    expected = [
-        (curves.min(axis=0) * part.weight).sum() / (curves[HALF] * part.weight).sum() for part in truth.leave_one_out()
-    ]
-    np.testing.assert_allclose(ratios, expected)
 
 
 @pytest.fixture

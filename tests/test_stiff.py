@@ -6,7 +6,6 @@ warnings are errors, here as in all tests. A sample takes seconds; `make test-sl
 
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -158,16 +157,6 @@ def _lobe(material: dmis.Material, wo: Array, n: Array, wi: Array) -> tuple[Arra
     vars(at).update(n=n, ng=n, wo=wo, cos_o=(n * wo).sum(axis=0), dpdu=np.broadcast_to(polar(80.0)[:, None], wo.shape))
     lobe = at.reflection[-1]
     return np.broadcast_to(lobe.eval(Directions(at, wi)), wo.shape)[0], lobe.pdf(Directions(at, wi))
-
-
-def test_suppressed_warnings_say_why() -> None:
-    """Each `np.errstate` of the library has a comment on its line or above it."""
-    for module in (Path(__file__).parent.parent / "dmis").rglob("*.py"):
-        before = ""
-        for line in module.read_text("utf-8").splitlines():
-            if "np.errstate" in line:
-                assert "#" in line or before.lstrip().startswith("#"), f"{module.name}: {line.strip()}"
-            before = line
 
 
 def test_a_pixel_that_is_no_number_is_no_image(monkeypatch) -> None:

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from weight_bounds import BOUNDS, Bounds, ShareTiltMoments, bounds, draw, patch_probabilities, variance, with_interval
+from weight_bounds import BOUNDS, Bounds, ShareTiltMoments, bounds, draw, patch_probabilities, variance
 
 from dmis.base.vectors import Array
 from dmis.bench.data import GRID, HALF
@@ -83,14 +83,6 @@ def test_noise_does_not_flatter() -> None:
     true, crossed = (bounds(data, 0, every)[name] for data in (planted(), planted(0.5)))
     flattered = bounds(planted(0.5), 0, every, judged=0)[name]
     assert flattered < 0.8 * true < true < crossed
-
-
-def test_half_of_the_choice_is_in_the_interval() -> None:
-    """The interval is that of a mean over a sample of patches."""
-    x = np.random.default_rng(1).random(160)
-    mean, half = with_interval(lambda keep: x[keep].mean(keepdims=True), 160)
-    assert mean == pytest.approx(x.mean())
-    assert half == pytest.approx(2.13 * x.std() / np.sqrt(160), rel=0.5)
 
 
 def test_patches_stand_for_the_image() -> None:
