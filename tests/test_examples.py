@@ -21,6 +21,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from PIL import Image
+from rows import write_rows
 from scripts import run_alone, run_script  # noqa: F401  # a fixture
 
 from dmis.examples.gallery import SCENES
@@ -134,17 +135,14 @@ def test_contact_sheet(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("script", "options", "message"),
-    [
-        ("make_figures", ["--publish", "docs", "--quick"], "default size; got --quick"),
-        ("make_figures", ["--publish", "docs", "--scene-dir", "."], "got the scene folder .. Unset DMIS_PBRT_SCENES"),
-    ],
+    ("options", "message"),
+    [("--quick", "default size; got --quick"), ("--scene-dir=.", "got the scene folder .. Unset DMIS_PBRT_SCENES")],
 )
-def test_other_scenes_are_not_published(script, options, message, tmp_path, monkeypatch):
+def test_other_scenes_are_not_published(options, message, tmp_path, monkeypatch):
     """Pages show figures of the default size, and of the scenes that come with dmis."""
-    script = ROOT / "examples" / f"{script}.py"
+    script = ROOT / "examples" / "make_figures.py"
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [str(script), *options])
+    monkeypatch.setattr(sys, "argv", [str(script), "--publish", "docs", options])
     monkeypatch.delenv("DMIS_QUICK", raising=False)
     with pytest.raises(SystemExit, match=re.escape(message)):
         run_alone(lambda: runpy.run_path(str(script), run_name="__main__"), script.parent, monkeypatch)
@@ -192,19 +190,15 @@ def test_set_ups_of_the_reproduction(tmp_path, monkeypatch):
 
 def planted_results(path: Path, blocks: dict[str, np.ndarray]) -> None:
     """Write a table of results of two seeds with the errors of blocks ``(2, n)`` of each rule, on all scenes."""
-    lines = []
+    rows = []
     for scene, (rule, errors), seed in itertools.product(SCENES, blocks.items(), range(2)):
         e, balance, tilt = errors[seed], blocks["balance"][seed], blocks["tilt"][seed]
-        moments = [f"{v:.17g}" for v in (e.sum(), (e * e).sum(), (e * balance).sum(), (e * tilt).sum())]
-        seconds = 3 if rule == "balance" else 4
-        lines.append(
-            ",".join(["independent,shipped,4", scene, rule, str(seed), str(e.size), str(seconds), *moments * 2])
-        )
-    fields = ["setup", "scenes", "divisor", "scene", "rule", "seed", "blocks", "seconds"]
-    fields += [
-        f"{measure} {moment}" for measure in ("linear", "clipped") for moment in ("mse", "own", "balance", "tilt")
-    ]
-    path.write_text("\n".join([",".join(fields), *lines]) + "\n", "utf-8")
+        moments = {"mse": e.sum(), "own": (e * e).sum(), "balance": (e * balance).sum(), "tilt": (e * tilt).sum()}
+        row = {"setup": "independent", "scenes": "shipped", "divisor": 4, "scene": scene, "rule": rule, "seed": seed}
+        row |= {"blocks": e.size, "seconds": 3 if rule == "balance" else 4}
+        row |= {f"{of} {name}": f"{v:.17g}" for of in ("linear", "clipped") for name, v in moments.items()}
+        rows.append(row)
+    write_rows(path, rows, list(rows[0]))
 
 
 def test_tables_of_planted_errors(score_tables, tmp_path, monkeypatch):

@@ -20,26 +20,19 @@ from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import columns, polar, unit
 
 FAMILY = list(stiff.family())
-SAMPLE = {
-    "light radius, roughness 8e-06, 1e-08",
-    "light radius, roughness 8e+06, 1e-08",
-    "light distance 8e+06",
-    "radiance 1e+30",
-    "sun's contrast 1e+08",
-    "grazing view 1e-07",
-    "light in contact, facing 0.0001",
-    "ground under a sphere of radius 1 1e+06",
-    "offset 8e+06",
-    "scale 1e+06",
-    "albedo 1",
+SAMPLE = (
+    *("light radius, roughness 8e-06, 1e-08", "light radius, roughness 8e+06, 1e-08", "light distance 8e+06"),
+    *("radiance 1e+30", "sun's contrast 1e+08", "grazing view 1e-07", "light in contact, facing 0.0001"),
+    *("ground under a sphere of radius 1 1e+06", "offset 8e+06", "scale 1e+06", "albedo 1"),
     "identical techniques, light 0",
-}
+)
+CASES = {case.name: case for case in FAMILY}
 
 
-@pytest.mark.parametrize("case", [c for c in FAMILY if c.name in SAMPLE], ids=lambda case: case.name)
-def test_a_sample_of_the_map(case: stiff.Case) -> None:
+@pytest.mark.parametrize("name", SAMPLE)
+def test_a_sample_of_the_map(name: str) -> None:
     """The balance heuristic."""
-    assert stiff.measure(case, "balance", 64).z(case.rounding) < Z_LIMIT
+    assert stiff.measure(CASES[name], "balance", 64).z(CASES[name].rounding) < Z_LIMIT
 
 
 @pytest.mark.slow
@@ -63,11 +56,10 @@ EVERY_RULE = [
 @pytest.mark.parametrize("rule", EVERY_RULE)
 def test_every_rule_is_finite(rule: str) -> None:
     """No rule divides by what a stiff scene makes 0, or squares what it makes too large."""
-    for case in FAMILY:
-        if case.name in ("radiance 1e+30", "light radius, roughness 8e-06, 1e-08", "light distance 8e+06"):
-            found = stiff.measure(case, rule, 16)
-            blind = rule.startswith(("uniform", "thesis"))  # the latter may leave a technique too few samples
-            assert np.isfinite(found.mean) and (blind or found.z(case.rounding) < Z_LIMIT)
+    blind = rule.startswith(("uniform", "thesis"))  # the latter may leave a technique too few samples
+    for name in ("radiance 1e+30", "light radius, roughness 8e-06, 1e-08", "light distance 8e+06"):
+        result = stiff.measure(CASES[name], rule, 16)
+        assert np.isfinite(result.mean) and (blind or result.z(CASES[name].rounding) < Z_LIMIT)
 
 
 # Images that are degenerate -----------------------------------------------------------------------------------------
@@ -76,12 +68,24 @@ def test_every_rule_is_finite(rule: str) -> None:
 def one_point(radiance: float = 1.0, resolution: tuple[int, int] = (1, 1), lit: bool = False) -> dmis.Scene:
     """A floor under a lamp, in few pixels; or nothing but the lamp in all of them."""
     lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (radiance,) * 3)
-    shade = dmis.Mesh(np.array([[-0.5, -0.5, 2], [-0.5, 0.5, 2], [0.5, 0.5, 2], [0.5, -0.5, 2]]),
-                      np.array([[0, 1, 2], [0, 2, 3]]))  # fmt: skip
-    part = dmis.Part(shade, dmis.matte(0.0), lamp)
-    target = (0.0, 0.0, 2.0) if lit else (0.0, 0.0, 0.0)
-    eye = (0.0, -0.1, 0.5) if lit else (0.0, -1.0, 0.7)
-    return box_scene(lights=(lamp,), extra=(part,), resolution=resolution, eye=eye, target=target, fov=5.0)
+    target, eye = ((0, 0, 2), (0, -0.1, 0.5)) if lit else ((0, 0, 0), (0, -1, 0.7))
+    extra = (dmis.light_part(lamp),)
+    return box_scene(lights=(lamp,), extra=extra, resolution=resolution, eye=eye, target=target, fov=5.0)
+
+
+@pytest.mark.filterwarnings("ignore:.*none of its 1 lights emits:dmis.scene.scene.SceneWarning")
+@pytest.mark.parametrize("rule", EVERY_RULE)
+def test_images_without_noise(rule: str) -> None:
+    """All black, all lamp, or all behind a screen: nothing varies, and no weight is better than another."""
+    screen = dmis.Part(dmis.geometry.shapes.quad((-9, -9, 1.5), (18, 0, 0), (0, 18, 0)), dmis.matte(0.5))
+    lamp = one_point(7.0, (5, 4))
+    shadow = lamp.changed(parts=(*lamp.parts, screen))
+    for scene, seen in ((one_point(0.0, (5, 4)), 0.0), (one_point(7.0, (5, 4), lit=True), 7.0), (shadow, 0.0)):
+        result = dmis.render(scene, rule, 16, parallel=1)
+        np.testing.assert_array_equal(result.image, np.full((4, 5, 3), seen, np.float32))
+        np.testing.assert_array_equal(result.variance, 0)
+        assert np.isfinite(result.weight).all()
+    assert sum(result.rays.values()) > result.rays["camera"]
 
 
 @pytest.mark.parametrize("rule", EVERY_RULE)
@@ -93,34 +97,10 @@ def test_images_smaller_than_a_patch(rule: str, resolution: tuple[int, int]) -> 
     assert np.isfinite(result.weight).all() and np.isfinite(result.variance).all()
 
 
-@pytest.mark.filterwarnings("ignore:.*none of its 1 lights emits:dmis.scene.scene.SceneWarning")
-@pytest.mark.parametrize("rule", EVERY_RULE)
-@pytest.mark.parametrize("radiance, lit, seen", [(0.0, False, 0.0), (7.0, True, 7.0)])
-def test_images_without_noise(rule: str, radiance: float, lit: bool, seen: float) -> None:
-    """All black, all lamp: nothing varies, and no weight is better than another."""
-    result = dmis.render(one_point(radiance, (5, 4), lit), rule, 16, parallel=1)
-    np.testing.assert_array_equal(result.image, np.full((4, 5, 3), seen, np.float32))
-    np.testing.assert_array_equal(result.variance, 0)
-    assert np.isfinite(result.weight).all()
-
-
-@pytest.mark.parametrize("rule", EVERY_RULE)
-def test_images_in_shadow(rule: str) -> None:
-    """All that is seen faces a lamp behind a screen: samples meet it, and none arrives."""
-    lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (7.0,) * 3)
-    screen = dmis.Part(dmis.geometry.shapes.quad((-9, -9, 1.5), (18, 0, 0), (0, 18, 0)), dmis.matte(0.5))
-    scene = box_scene(lights=(lamp,), extra=(screen,), resolution=(5, 4), eye=(0, -1, 0.7), target=(0, 0, 0), fov=5.0)
-    result = dmis.render(scene, rule, 16, parallel=1)
-    np.testing.assert_array_equal(result.image, 0)
-    assert np.isfinite(result.weight).all() and sum(result.rays.values()) > result.rays["camera"]
-
-
 def test_one_sample_has_no_variance() -> None:
-    """1 spp is an image; its variance is said to be unknown; a rule with a pilot says how many it needs."""
+    """1 spp is an image; its variance is said to be unknown."""
     result = dmis.render(one_point(), "balance", 1)
     assert np.isfinite(result.image).all() and np.isnan(result.variance).all()
-    with pytest.raises(ValueError, match="more than the pilot's 6 camera samples"):
-        dmis.render(one_point(), "thesis", 1)
 
 
 # Numerics -----------------------------------------------------------------------------------------------------------
