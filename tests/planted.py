@@ -12,6 +12,7 @@ from dmis.estimator.records import Record
 from dmis.variance.curves import GRID, HALF, Curves, with_gain_square
 from dmis.variance.moments import Film, Moments
 
+Keys = tuple[tuple[int, ...], ...]
 COLOUR = np.array([[0.3], [0.6], [2.1]], np.float32)  # of a sample, whose mean over channels counts
 A = 0.25  # p_l = 2 x, p_b = 2 (1 - x) on [0, 1], f = A + (1 + 2 y) x at the point y, uniform in [0, 1]
 
@@ -38,21 +39,20 @@ def exact(w: float, s: int, combiner: str = "balance") -> tuple[float, float]:
     return total, float((w * light + (1 - w) * brdf).var())
 
 
-def pilot(pixels: int, count: int, seed: int, keys: int = 1, s: int = 2, combiner: str = "balance") -> Curves:
-    """A 1-D pilot: s samples of each technique for each camera sample, at w = 1/2, from `keys` equal lights."""
+def pilot(pixels: int, count: int, seed: int, keys: Keys = ((0,),), s: int = 2, combiner: str = "balance") -> Curves:
+    """A 1-D pilot: s samples of each technique for each camera sample, at w = 1/2, from equal lights of these keys."""
     rng = np.random.default_rng(seed)
     curves = Curves(pixels, 2 * s, combiner=combiner)
     n = pixels * count
     records, radiance, y = [], np.zeros(n), rng.random(n)
-    for key in range(keys):
-        for side, turn in itertools.product((0, 1), range(s)):
-            x = np.sqrt(rng.random(n))
-            x = x if side == 0 else 1 - x
-            pdf = np.stack([2 * x, 2 * (1 - x)])
-            value = f(x, y) / pdf.mean(axis=0)
-            radiance += value / (2 * s)
-            value = COLOUR * value.astype(np.float32)
-            records.append(Record(side, (key,), turn, None, value, pdf.astype(np.float32)))
+    for key, side, turn in itertools.product(keys, (0, 1), range(s)):
+        x = np.sqrt(rng.random(n))
+        x = x if side == 0 else 1 - x
+        pdf = np.stack([2 * x, 2 * (1 - x)])
+        value = f(x, y) / pdf.mean(axis=0)
+        radiance += value / (2 * s)
+        value = COLOUR * value.astype(np.float32)
+        records.append(Record(side, key, turn, None, value, pdf.astype(np.float32)))
     curves.add(records, COLOUR * radiance.astype(np.float32), count)
     return curves
 

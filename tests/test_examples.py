@@ -296,18 +296,6 @@ def test_measurements_are_resumed_and_make_tables(run, tmp_path, monkeypatch, sc
     assert {part: text.count(part) for part in counts} == counts
 
 
-@pytest.mark.slow
-def test_cluster_tables(cache, tmp_path, monkeypatch):
-    """A table of renders with the same bits, and a sentence of what follows for many workers."""
-    pytest.importorskip("distributed")
-    rows = tmp_path / "cluster.csv"
-    run_process(ROOT / "benchmarks" / "measure_cluster.py", cache, "--csv", rows)
-    shown = importlib.import_module("measure_cluster")
-    monkeypatch.setattr(shown, "CSV", rows)
-    lines = [*shown.tables()["cluster.md: cluster"], *shown.sentences()["cluster.md"]]
-    assert "| 2 worker processes |" in lines[-2] and "nan" not in " ".join(lines) and len(lines) == 6
-
-
 @pytest.mark.examples
 def test_stability_figure(run, tmp_path):
     """Float32 against float64, which is a process of its own."""

@@ -87,11 +87,3 @@ def test_names_of_lights(script) -> None:
     for seen, second in ((scene, {"SelectedLights 0"}), (mirrored, {f"QuadLight {number}" for number in range(4)})):
         sources = script["explain"](seen, (8, 8), 512, rules=(), integrator="path", max_depth=2)["sources"]
         assert {light for light, _, surface in sources if surface == 2} == second
-
-
-def test_pixel_without_noise(script, capsys) -> None:
-    """A sun has none; it is printed and drawn all the same."""
-    why = script["explain"](box_scene(dmis.matte(0.5), (dmis.DistantLight((0, 0, -1), (1, 1, 1)),)), (3, 3), 64)
-    script["show"](why)
-    assert "  0.0% of V: light and BRDF samples" in capsys.readouterr().out and why["largest"] == []
-    script["draw"](why)

@@ -32,17 +32,6 @@ def test_progress_is_that_of_the_whole_render(box: dmis.Scene, rule: str, tmp_pa
     assert (np.diff(done) > 0).all() and (done <= total).all() and done[-1] == total[-1] > 0.9 * total[0]
 
 
-def test_bar_begins_again_with_each_render(capsys: pytest.CaptureFixture[str]) -> None:
-    """A stage of the same name and length, as of the second half of a reference."""
-    pytest.importorskip("tqdm")
-    with reporting(True, "renders") as show:
-        (bar,) = (cell.cell_contents for cell in show.__closure__)
-        for done in (5, 10, 5, 10):
-            show("final", done, 10)
-            assert bar.n == done
-    assert "renders" in capsys.readouterr().err
-
-
 def test_progress_without_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
     """The message says what to install."""
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)

@@ -3,7 +3,7 @@
 import json
 import re
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,59 +136,27 @@ def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reuse
         assert same(dmis.render(box, "second-moment", 16, settings=settings), by_rule[word])
 
 
-@dataclass(frozen=True)
-class Divided(dmis.Rule):
-    """A rule whose pixels have different numbers of samples."""
+class Own(dmis.Rule):
+    """A rule of one's own, whose fit is given, and perhaps a pilot and settings."""
 
-    spread: float
-    reuse: bool
-    pilot: dict = field(default_factory=lambda: {0.5: 2})
-
-    @property
-    def settings(self):
-        return {"reuse_pilot": self.reuse}
+    def __init__(self, fit, **attributes):
+        self._fit = fit
+        vars(self).update(attributes)
 
     def fit(self, pilot):
-        height, width, _ = pilot[0.5].mean.shape
-        return Fit(0.5, samples=np.linspace(1, self.spread, height * width).reshape(height, width))
+        return self._fit
 
 
 @pytest.mark.parametrize("spread", [1, 4])
 def test_weight_of_a_reused_pilot_does_not_depend_on_numbers_of_samples(box, spread):
     """The image is (2 pilot + 16 final) / 18 however many samples a pixel has: else it would be biased."""
-    both, final = (dmis.render(box, Divided(spread, reuse), 18, seed=4) for reuse in (True, False))
-    pilot = (both.image.astype(float) * 18 - final.image.astype(float) * 16) / 2
-    np.testing.assert_allclose(pilot, _rounds(box, (0.5,), 2, seed=4)[0], atol=2e-5)
-
-
-def _rounds(scene, weights, spp, seed):
-    job = resolve(scene, "thesis", 16, seed, dmis.Settings(sampler="independent"))  # as those of a pilot
+    fit = Fit(0.5, samples=np.linspace(1, spread, 24 * 32).reshape(24, 32))
+    rules = (Own(fit, pilot={0.5: 2}, settings={"reuse_pilot": reuse}) for reuse in (True, False))
+    both, final = (dmis.render(box, rule, 18, seed=4).image.astype(float) for rule in rules)
+    job = resolve(box, "thesis", 16, 4, dmis.Settings(sampler="independent"))  # as those of a pilot
     with Passes(job, 1) as passes:
-        return [passes.render(Round(spp, shares_of(w), job.settings)).mean for w in weights]
-
-
-@dataclass
-class InTwo(dmis.Rule):
-    """A rule that asks for its samples in two rounds, of which the second goes on where the first ended."""
-
-    w: float
-    part: int = 1
-
-    def rounds(self, budget):
-        whole = budget.final(Fit(self.w))
-        n = budget.spp // 4
-        film = yield replace(whole, spp=n, image_weight=n * self.part)
-        assert film.n == n and film.rays["camera"] > 0
-        yield replace(whole, spp=budget.spp - n, begin=n, image_weight=(budget.spp - n) * self.part)
-
-
-@pytest.mark.parametrize("w", [0.5, 0.3])
-def test_rounds_that_go_on_are_one_render(box, w):
-    """The sequence, and the rounding of shares, go on: the image is that of one round, but for the order of sums."""
-    two = dmis.render(box, InTwo(w), 16, seed=3, sampler="sobol")
-    one = dmis.render(box, f"fixed:{w}", 16, seed=3, sampler="sobol")
-    np.testing.assert_allclose(two.image, one.image, rtol=1e-5, atol=1e-6)
-    assert two.rays == one.rays and (two.samples == 16).all()
+        pilot = passes.render(Round(2, shares_of(0.5), job.settings)).mean
+    np.testing.assert_allclose((both * 18 - final * 16) / 2, pilot, atol=2e-5)
 
 
 class Yields(dmis.Rule):
@@ -199,6 +167,22 @@ class Yields(dmis.Rule):
 
     def rounds(self, budget):
         return self.given(budget)
+
+
+@pytest.mark.parametrize("w", [0.5, 0.3])
+def test_rounds_that_go_on_are_one_render(box, w):
+    """The sequence, and the rounding of shares, go on: the image is that of one round, but for the order of sums."""
+
+    def rounds(budget):
+        whole = budget.final(Fit(w))
+        film = yield replace(whole, spp=4, image_weight=4)
+        assert film.n == 4 and film.rays["camera"] > 0
+        yield replace(whole, spp=12, begin=4, image_weight=12)
+
+    two = dmis.render(box, Yields(rounds), 16, seed=3, sampler="sobol")
+    one = dmis.render(box, f"fixed:{w}", 16, seed=3, sampler="sobol")
+    np.testing.assert_allclose(two.image, one.image, rtol=1e-5, atol=1e-6)
+    assert two.rays == one.rays and (two.samples == 16).all()
 
 
 @pytest.mark.parametrize(
@@ -255,16 +239,6 @@ def test_bad_arguments(box, options, message):
     """Each message names the argument, the constraint and the value."""
     with pytest.raises(ValueError, match=message):
         dmis.render(box, **{"rule": "balance", "spp": 4, **options})
-
-
-class Own(dmis.Rule):
-    """A rule of one's own, whose fit is given."""
-
-    def __init__(self, fit):
-        self._fit = fit
-
-    def fit(self, pilot):
-        return self._fit
 
 
 def test_a_rule_of_ones_own(box):
@@ -365,8 +339,7 @@ def test_settings_without_a_rule(box, settings, rule, reason):
 @pytest.mark.parametrize(("weight", "reused"), [(0.0, False), (1.0, False), (0.2, True)])
 def test_a_pilot_of_one_technique_is_in_the_image_on_request_only(box, weight, reused):
     """At w = 0 or 1 a few samples may have most of the error."""
-
-    rule = type("Piloted", (dmis.Rule,), {"pilot": {weight: 2}, "fit": lambda self, pilot: Fit(0.5)})()
+    rule = Own(Fit(0.5), pilot={weight: 2})
     settings = dmis.Settings(sampler="independent")
     result = dmis.render(box, rule, 8, settings=settings)
     assert result.provenance["settings"]["reuse_pilot"] is reused

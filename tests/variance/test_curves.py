@@ -1,7 +1,5 @@
 """Variance curves from one pilot: closed forms, unbiasedness, and what renders measure."""
 
-import itertools
-
 import numpy as np
 import pytest
 from planted import exact, f, pilot, unbiased
@@ -47,22 +45,8 @@ def test_surfaces_of_a_path_add_up() -> None:
     """One surface, then two that see the same y: their own noise adds up, and uneven counts go along, so that Var_y(D)
     is nine times that of one.
     """
-    pixels, count, s = 20_000, 6, 2
-    rng = np.random.default_rng(3)
-    curves = Curves(pixels, 2 * s)
-    n = pixels * count
-    y = rng.random(n)
-    radiance, records = np.zeros(n), []
-    for key in ((0,), (1, 0), (4, 0)):
-        for side in (0, 1):
-            for turn in range(s):
-                x = np.sqrt(rng.random(n))
-                x = x if side == 0 else 1 - x
-                pdf = np.stack([2 * x, 2 * (1 - x)]).astype(np.float32)
-                value = f(x, y) / pdf.mean(axis=0)
-                radiance += value / (2 * s)
-                records.append(Record(side, key, turn, None, np.repeat(value[None], 3, axis=0), pdf))
-    curves.add(records, np.repeat(radiance[None], 3, axis=0), count)
+    s = 2
+    curves = pilot(20_000, 6, seed=3, keys=((0,), (1, 0), (4, 0)), s=s)
     sums = curves.sums()
     assert unbiased(sums["position"], 9 * exact(0.5, s)[1])
     for g in (1, 4, HALF, 9):
@@ -153,28 +137,6 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
     )
     measured = images.var(axis=0, ddof=1).mean() * 64
     assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both
-
-
-@pytest.mark.parametrize("lights, combiner", [(1, "balance"), (2, "balance"), (2, "power")])
-def test_size_of_batches(lights: int, combiner: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It does not change the sums of any pixel by a bit."""
-    rng = np.random.default_rng(4)
-    pixels, count = 300, 3
-    sample = np.flatnonzero(np.tile(rng.random(pixels) < 0.3, count))
-    records = []
-    for key, side, turn in itertools.product(range(lights), (0, 1), (0, 1)):
-        value = rng.random((3, len(sample))).astype(np.float32) * (rng.random(len(sample)) < 0.5)
-        pdf = rng.random((2, len(sample))).astype(np.float32)
-        records.append(Record(side, (key,), turn, sample, value.astype(np.float32), pdf))
-    results = []
-    for batch in (2**16, 200):
-        monkeypatch.setattr("dmis.variance.curves.CURVE_BATCH", batch)
-        curves = Curves(pixels, 4, combiner=combiner)
-        curves.add(records, np.ones((3, pixels * count), np.float32), count)
-        results.append(curves.sums())
-    assert 0 < np.count_nonzero(results[0]["curve"][1]) < 0.4 * pixels
-    for name, values in results[0].items():
-        np.testing.assert_array_equal(results[1][name], values)
 
 
 def test_gathered_values_are_means_over_pairs() -> None:
