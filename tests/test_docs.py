@@ -219,15 +219,10 @@ def code_of_page(page: Path) -> list[tuple[int, str]]:
 
 
 def code_of_script(script: Path) -> list[tuple[int, str]]:
-    """Lines of a script, with their numbers, without what its page shows as text: docstring, blocks of ``# %%``."""
+    """Lines of a script, with their numbers, without its docstring and the comments that its page shows as text."""
     source = script.read_text("utf-8")
-    prose, code = True, []
-    first = source.index('"""', 3) if source.startswith('"""') else 0
-    for number, line in enumerate(source.split("\n"), 1):
-        prose = line.startswith("# %%") or (prose and line.startswith("#"))
-        if number > source.count("\n", 0, first) + 1 and not prose:
-            code.append((number, line))
-    return code
+    first = ast.parse(source).body[0].end_lineno
+    return [(n, line) for n, line in enumerate(source.split("\n"), 1) if n > first and not line.startswith("#")]
 
 
 SCRIPTS = sorted((ROOT / "examples").glob("*/plot_*.py"))

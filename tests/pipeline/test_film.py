@@ -1,6 +1,6 @@
 """The film of a pass: tiles merged in any order, with a checkpoint between or not."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
 from typing import Any
@@ -16,7 +16,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Record
 from dmis.fit.best_pattern import looks_at
-from dmis.fit.round import Budget, Round
+from dmis.fit.round import Round
 from dmis.fit.sample_density import FirstRound
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
@@ -78,29 +78,25 @@ def test_pilots_that_are_named(samples, variance, named):
     assert costly_pilot({}) == ""
 
 
+def film_of(scene: dmis.Scene, **changes: Any) -> Film:
+    """Return the film of a round of a render by paths."""
+    job = resolve(scene, "balance", 4, 1, dmis.Settings(integrator="path", sampler="sobol"))
+    with Passes(job, 1) as passes:
+        return passes.render(replace(Round(1, shares_of(0.5), job.settings), **changes))
+
+
 @pytest.mark.parametrize("directions", [True, False])
 def test_directions_of_records(box: dmis.Scene, directions: bool) -> None:
     """Rays from recorded points in recorded directions meet the lamp; there are none unless they are asked for."""
     kept: list[Record] = []
-    asked = directions
 
-    class Keep:
-        wants = dmis.Wants(directions=asked)
-
-        def __init__(self, pixels: int, shading_samples: int) -> None: ...
+    class Keep(FirstRound):
+        wants = dmis.Wants(directions=directions)
 
         def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
             kept.extend(records)
 
-        def sums(self) -> dict[str, Array]:
-            return {}
-
-    class Look(dmis.Rule):
-        def rounds(self, budget: Budget) -> Iterator[Round]:
-            yield budget.pilot(0.5, 4, Keep)
-            yield budget.final(dmis.Fit(0.5), 4)
-
-    dmis.render(box, Look(), 8, parallel=1)
+    film_of(box, statistic=Keep, spp=4, settings=dmis.Settings(integrator="direct", max_depth=5, sampler="sobol"))
     assert {record.technique_index for record in kept} == {0, 1}
     for record in kept:
         if record.wi is None or record.p is None:
@@ -110,13 +106,6 @@ def test_directions_of_records(box: dmis.Scene, directions: bool) -> None:
         np.testing.assert_allclose(np.linalg.norm(record.wi, axis=0), 1, rtol=1e-5)
         on_lamp = record.p + record.wi * ((3 - record.p[2]) / record.wi[2])  # a square at z = 3
         assert (np.abs(on_lamp[:2]) < 1 + 1e-4).all() and (record.p[2] >= -1).all()
-
-
-def film_of(scene: dmis.Scene, **changes: Any) -> Film:
-    """Return the film of a round of a render by paths."""
-    job = resolve(scene, "balance", 4, 1, dmis.Settings(integrator="path", sampler="sobol"))
-    with Passes(job, 1) as passes:
-        return passes.render(replace(Round(1, shares_of(0.5), job.settings), **changes))
 
 
 def test_pixel_sums_are_rays_and_squares(box: dmis.Scene) -> None:
