@@ -1,7 +1,6 @@
 """Block means of small images of the presets, which no later change may alter.
 
-    python tests/pin_preset.py write       renders every configuration and writes tests/data/preset_thesis.npz
-    python tests/pin_preset.py compare     renders again and prints what differs; exit code 1 if anything does
+    python tests/pin_preset.py      renders every configuration and writes tests/data/preset_thesis.npz
 
 Unlike the hashes of `frozen` these hold for all processors, as means over blocks of 4x4 pixels with standard errors:
 other processors round differently, which flips single shadow rays. `tests/estimator/test_presets.py` compares them.
@@ -10,8 +9,6 @@ Write them anew only with a new configuration, or when the preset itself was wro
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -80,23 +77,6 @@ def differences(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray
             yield f"{name}: {far} of {off.size} values are more than {FAR:g} standard errors off"
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write the blocks, or compare with those in the file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("action", choices=("write", "compare"))
-    parser.add_argument("--file", type=Path, default=FILE)
-    given = parser.parse_args(arguments)
-    after = render_all()
-    if given.action == "write":
-        given.file.parent.mkdir(exist_ok=True)
-        np.savez_compressed(given.file, **after)
-        print(f"{given.file}: {len(after)} configurations, {given.file.stat().st_size / 1000:.0f} kB")
-        return 0
-    with np.load(given.file) as stored:
-        lines = list(differences(dict(stored), after))
-    print(*lines, sep="\n")
-    return bool(lines)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    FILE.parent.mkdir(exist_ok=True)
+    np.savez_compressed(FILE, **render_all())

@@ -1,8 +1,4 @@
-"""The example scripts, at their quick size.
-
-Most run in the process of the tests, see `scripts`. Those that start processes run in a process of their own, as for a
-reader, and so do the figures of `test_contact_sheet`.
-"""
+"""The example scripts at their quick size, and their options."""
 
 import csv
 import importlib
@@ -20,11 +16,16 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+import pytest
 from PIL import Image
 from rows import write_rows
 from scripts import run_alone, run_script  # noqa: F401  # a fixture
 
 from dmis.examples.gallery import SCENES
+
+pytest.importorskip("matplotlib")
+
+from dmis.examples.gallery import options
 
 ROOT = Path(__file__).parent.parent
 FIGURES = sorted((ROOT / "examples").rglob("plot_*.py"))
@@ -82,7 +83,6 @@ def check(picture: Path) -> None:
 
 
 def test_every_figure_of_the_thesis_has_its_script():
-    """A reader of the thesis finds them by number."""
     assert all(any(f"plot_{name}" in script.stem for script in FIGURES) for name in THESIS)
 
 
@@ -114,7 +114,6 @@ def test_figure(script, run, cache, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("script", FIGURES, ids=lambda script: script.stem)
 def test_figure_of_the_original_scenes(script, cache, tmp_path, pbrt_scenes):
-    """The same scripts on the original files."""
     picture = tmp_path / "figure.png"
     run_process(script, cache, "-o", picture, scenes=pbrt_scenes)
     check(picture)
@@ -313,3 +312,29 @@ def test_doctor_figure(run, tmp_path):
     change = dict(re.findall(r"^([a-z-]+), .* mean ([-+.0-9]+)%", printed, re.MULTILINE))
     assert len(change) == 9 and -60 < float(change["two-sided"]) < -40 and abs(float(change["normals"])) < 0.1
     check(picture)
+
+
+# Options of scripts --------------------------------------------------------------------------------------------------
+
+
+SCRIPT, KERNEL = "plot_any.py", "/lib/ipykernel_launcher.py"
+
+
+@pytest.mark.parametrize(
+    "quick, argv, size",
+    [
+        ("1", [SCRIPT], "quick"),
+        ("0", [SCRIPT], "default"),
+        ("1", [SCRIPT, "--full"], "full"),
+        ("0", [KERNEL, "-f", "/run/kernel-1.json"], "default"),
+    ],
+)
+def test_size(quick: str, argv: list[str], size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """DMIS_QUICK is a default that the command line overrides; options of a kernel are its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DMIS_PBRT_SCENES", raising=False)
+    monkeypatch.setenv("DMIS_QUICK", quick)
+    monkeypatch.setattr("sys.argv", argv)
+    opts, given = options("plot_any", "Title\n=====", seeds={"type": int, "default": 3})
+    assert opts.size == size and opts.pick("quick", "default", "full") == size and given.seeds == 3
+    assert opts.output == Path("figures/plot_any.png") and os.listdir("figures") == []

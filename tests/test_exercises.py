@@ -29,7 +29,6 @@ def check(number: int, text: str) -> list[Outcome]:
 
 
 def failures(number: int, text: str) -> str:
-    """Return the names and messages of failed outcomes, a line each."""
     return "\n".join(f"{o.name}: {o.message}" for o in check(number, text) if not o.passed)
 
 
@@ -88,7 +87,6 @@ MISTAKES: list[tuple[int, str, str, str]] = [
 
 @pytest.mark.parametrize(("number", "right", "wrong", "message"), MISTAKES, ids=[m for *_, m in MISTAKES])
 def test_advice_names_the_mistake(number: int, right: str, wrong: str, message: str) -> None:
-    """A solution with a likely mistake."""
     (path,) = (FOLDER / "solutions").glob(f"{number:02}_*.py")
     text = path.read_text("utf-8")
     assert right in text and message in failures(number, text.replace(right, wrong))

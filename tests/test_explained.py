@@ -22,7 +22,6 @@ SCRIPT = Path(__file__).parent.parent / "examples" / "explained" / "why_is_this_
 
 @pytest.fixture(scope="module")
 def script():
-    """Names of the script."""
     return runpy.run_path(str(SCRIPT))
 
 

@@ -55,7 +55,6 @@ def test_nothing_to_fill_from() -> None:
     ],
 )
 def test_bad_options(options: dict[str, float], message: str) -> None:
-    """Errors name the option."""
     with pytest.raises(ValueError, match=message):
         gaussian(np.ones((2, 2)), **options)
 

@@ -20,7 +20,6 @@ starters = importlib.import_module("starters")
 
 
 def solution(number: int) -> str:
-    """Return the published solution of an exercise."""
     (path,) = (FOLDER / "solutions").glob(f"{number:02}_*.py")
     return path.read_text("utf-8")
 

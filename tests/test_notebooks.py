@@ -119,7 +119,6 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_notebook_runs_with_the_wheel(
     script: Path, installed: str, environment: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every notebook of the site."""
     monkeypatch.delenv("PYTHONPATH")
     check_notebook(script, installed)
 

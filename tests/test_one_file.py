@@ -24,7 +24,6 @@ SHAPE = 24, 32
 
 @pytest.fixture(scope="module")
 def one():
-    """The module of the file."""
     spec = importlib.util.spec_from_file_location("one_file", FILE)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

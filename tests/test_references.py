@@ -16,7 +16,6 @@ LIMITS = {"killeroo-diffuse": 0.006, "killeroo-gold": 0.015, "teapot-area-light"
 
 @pytest.fixture(scope="module")
 def load():
-    """Scenes by path, loaded once."""
     scenes = {}
 
     def get(path):

@@ -24,7 +24,6 @@ UNEVEN = np.random.default_rng(3).integers(1, 40, PIXELS)
 
 
 def in_blocks(blocks):
-    """Return pixels and numbers of the camera samples of blocks."""
     pixels = [np.tile(block.pixels, block.count) for block in blocks]
     numbers = [np.repeat(np.arange(block.first, block.first + block.count), len(block.pixels)) for block in blocks]
     return np.concatenate(pixels), np.concatenate(numbers)
@@ -45,7 +44,6 @@ def test_batches_have_every_camera_sample_once(spp, size):
 
 
 def allocation_of(shares, spp, settings):
-    """Allocation of a tile with the sampler of the settings."""
     rng = np.random.default_rng(2)
     block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
     return SampleAllocation(shares, PIXELS, settings, Numbers(SAMPLERS[settings.sampler](block), rng))
@@ -87,7 +85,6 @@ def divide(w, shading_samples: int, start: int, count: int, offset: Array):
 @pytest.mark.parametrize("w", [0.0, 0.25, 0.3, 0.5, 1.0])
 @pytest.mark.parametrize("shading_samples", [1, 2, 4])
 def test_a_number_is_the_same_as_a_map(w: float, shading_samples: int) -> None:
-    """One share for all pixels gives what a constant map of it gives."""
     offset = np.random.default_rng(6).random(50)
     (one, *_), _ = divide(w, shading_samples, 3, 6, offset)
     (many, *_), _ = divide(np.full(50, w), shading_samples, 3, 6, offset)

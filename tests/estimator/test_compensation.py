@@ -26,7 +26,6 @@ SKY[:, :8] = FAINT
 
 
 def sky_scene(compensation: float | None = None, **options: Any) -> dmis.Scene:
-    """A matte floor under the sky."""
     light = EnvironmentLight(SKY, compensation=compensation)
     return box_scene(dmis.matte(0.5), (light,), **{"resolution": (4, 4), "fov": 20, **options})
 

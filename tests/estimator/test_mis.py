@@ -143,7 +143,6 @@ def test_frozen_renders(box: dmis.Scene) -> None:
     ],
 )
 def test_unknown_heuristics(name: str, message: str) -> None:
-    """Names that are not quite right, and numbers out of range, are errors."""
     with pytest.raises(ValueError, match=message):
         combiner_by_name(name)
 

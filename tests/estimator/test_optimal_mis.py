@@ -69,7 +69,6 @@ def test_balance_where_the_fit_is_not_possible(w: float, n: int) -> None:
 
 
 def test_identical_densities() -> None:
-    """A singular fit is no fit."""
     rng = np.random.default_rng(1)
     optimal = Optimal(pixel_shares(0.5), np.full(1, 64))
     first = np.tile(np.array([1, 0], np.int8), 32)

@@ -36,13 +36,11 @@ ROOM = box_scene(plastic(0.5, 0.3, 0.1), (LAMP,), WALLS, resolution=(44, 44))
 
 
 def images(scene: Scene, rule: Rule | str, seeds: range, spp: int = 16, **settings: object) -> Array:
-    """Images of each seed, ``(seeds, H, W, 3)``."""
     chosen = Settings(integrator="path", **settings)
     return np.array([dmis.render(scene, rule, spp, seed=s, settings=chosen, parallel=1).image for s in seeds])
 
 
 def means(scene: Scene, rule: Rule | str, seeds: range, spp: int = 16, **settings: object) -> Array:
-    """Mean over the image for each seed."""
     return images(scene, rule, seeds, spp, **settings).mean(axis=(1, 2, 3))
 
 
@@ -116,7 +114,6 @@ def test_furnace_of_an_emitting_sphere(rule: str) -> None:
 
 
 def test_roulette_is_unbiased(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From the first bounce on, or never: the same mean."""
     found = []
     for first in (0, 10**9):
         monkeypatch.setattr(path, "ROULETTE", first)

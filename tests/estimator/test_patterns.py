@@ -61,7 +61,6 @@ def test_weights_add_up_in_all_sub_blocks(samples: int, halvings: int) -> None:
 
 
 def test_lights_that_all_look_at_cost_nothing() -> None:
-    """No halvings and halvings of 0 are the same image, to the bit."""
     expected, found = images(Halved(), range(1)), images(Halved(0), range(1))
     np.testing.assert_array_equal(found, expected)
 

@@ -28,7 +28,6 @@ SEED = 3
 
 @pytest.fixture
 def page() -> SimpleNamespace:
-    """The functions of the page."""
     namespace: dict[str, Any] = {}
     exec(compile(CODE, str(PAGE), "exec"), namespace)
     return SimpleNamespace(**namespace, globals=namespace)
@@ -50,7 +49,6 @@ def four_lights() -> dmis.Scene:
 
 
 def raster(scene: dmis.Scene) -> tuple[Array, Array]:
-    """Columns and rows of all pixels, ``(N,)`` float32."""
     width, height = scene.camera.resolution
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[:height, :width])
     return x, y
@@ -58,7 +56,6 @@ def raster(scene: dmis.Scene) -> tuple[Array, Array]:
 
 @cache
 def make_scene(name: str) -> dmis.Scene:
-    """A shipped scene at a small size, or the one with four lights."""
     return four_lights() if name == "four lights" else shared_scene(name, (24, 18))
 
 

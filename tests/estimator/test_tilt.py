@@ -64,7 +64,6 @@ def test_mean_and_variance_below_a_disk(w: float, pairs: int) -> None:
 
 @pytest.mark.parametrize("integrator", ["direct", "path"])
 def test_one_half_is_the_balance_heuristic(integrator: str) -> None:
-    """With w = 1/2 every bit is that of one light and one BRDF sample with the balance heuristic."""
     scene = shared_scene("killeroo-gold", (40, 30))
     options = {"seed": 2, "sampler": "independent", "integrator": integrator}
     tilted, balance = (dmis.render(scene, rule, 8, **options) for rule in ("fixed:0.5,weigh=heuristic", "balance"))

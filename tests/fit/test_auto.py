@@ -83,7 +83,6 @@ def choice_of(shape: tuple[int, int], cost: Array | float = 1.0) -> PatternChoic
 
 
 def second_round(first: Film, rule: Auto = PLAIN, choice: PatternChoice | None = None) -> Round:
-    """Return the second round that a rule decides from the first one."""
     shape = first.mean.shape[:2]
     budget = Budget(first.budget, shape, dmis.Settings(sampler="sobol", integrator="direct", max_depth=5), seed=3)
     return rule.second_round(Round(N, shares_of(0.5), budget.settings), first, budget, choice, {})
@@ -106,7 +105,6 @@ def decided(first: Film, rule: Auto = PLAIN) -> Array:
 
 
 def decided_patterns(looked: Film, guard: float = 0.0) -> tuple[PatternChoice | None, float]:
-    """Return the patterns that a pilot decides, and their predicted error."""
     return decide_patterns(looked, "relative", guard, 1.4)
 
 

@@ -83,7 +83,6 @@ def test_rounds_of_a_budget() -> None:
         (["", "best", "Balance"], "rule must be one of balance.*; got '{rule}'"),
         ([0.5, "0.5"], "got '0.5', did you mean 'fixed:0.5'?"),
         (["power"], "got 'power', did you mean 'pbrt'?"),
-        (["light"], "got 'light', did you mean 'fixed:1'?"),
         (["brdf"], "got 'brdf', did you mean 'fixed:0'?"),
         # no option
         (["balance:w=0.3", "fixed:techniques=a", "thesis:shape=3", "counts:weights=yes"], "has the options .*; got '"),
@@ -151,8 +150,6 @@ def test_text_of_a_rule(rule: object, text: str) -> None:
         (Thesis(8, combiner="balance"), {"combiner": "power"}, "Make the rule with combiner='power'"),
         (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave combiner out of the settings"),
         ("uniform", {"techniques": ("light", "uniform")}, 'Write rule="fixed:light=0.5,uniform=0.5" with your'),
-        ("pbrt", {"combiner": "balance"}, 'Write rule="pbrt:combiner=balance"'),
-        ("one-sample", {"allocation": "systematic"}, 'Write rule="one-sample:allocation=systematic"'),
     ],
 )
 def test_a_conflict_names_rule_and_option(box: dmis.Scene, rule: Any, setting: dict[str, Any], advice: str) -> None:

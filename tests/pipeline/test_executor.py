@@ -98,17 +98,6 @@ def test_a_dead_process_ends_with_how_to_resume(wide, threaded, pickled, tmp_pat
     assert 0 < len(finished) <= 15 - len(progress.done)
 
 
-def test_processes_with_a_dead_one_are_not_kept(box):
-    """Even if no other call was waiting: the next render would get the same processes, one of which is dying."""
-    with closing(executor.Workers(box, dmis.Processes(1))) as workers, pytest.raises(ChildProcessError):
-        list(workers.calls(_exit, [1]))
-    assert not executor._idle_pools
-
-
-def _exit(_, code):
-    os._exit(code)
-
-
 def _half(pipe, _):
     pipe.recv_bytes()
     pipe.recv()
@@ -177,11 +166,6 @@ def test_processes_end_with_the_one_that_started_them(tmp_path):
     assert os.listdir(tmp_path) == ["script.py"]
 
 
-def _blocks_ctrl_c(pid):
-    (line,) = (line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigBlk"))
-    return int(line.split()[1], 16) >> signal.SIGINT - 1 & 1
-
-
 SCRIPT = """
 import multiprocessing
 import dmis
@@ -215,7 +199,6 @@ def test_processes_wait_for_the_next_call(box, wide, pickled):
     check(here, first)
     assert here.seconds["workers"] == 0 < min(first.seconds["workers"], again.seconds["workers"])
     for child in multiprocessing.active_children():
-        assert _blocks_ctrl_c(child.pid)
         os.kill(child.pid, signal.SIGKILL)
         child.join()
     check(dmis.render(wide, **options), first)
@@ -325,18 +308,6 @@ def test_threads_end_their_tiles_after_an_interrupt(box):
 
 def _interrupted(*_):
     raise KeyboardInterrupt
-
-
-def test_tiles_that_kill_their_workers_are_given_up(wide, cluster):
-    """If the scheduler does not try again, the error is the same as that of a pool."""
-    scheduler = cluster.cluster.scheduler
-    allowed, scheduler.allowed_failures = scheduler.allowed_failures, 0
-    try:
-        victim = next(iter(cluster.run(os.getpid).values()))
-        with pytest.raises(ChildProcessError, match=r"workers died before .*KilledWorker"):
-            dmis.render(wide, parallel=cluster.get_executor(pure=False), progress=Killer(victim), **OPTIONS)
-    finally:
-        scheduler.allowed_failures = allowed
 
 
 def test_cluster_on_the_command_line(cluster, monkeypatch, capsys, tmp_path):

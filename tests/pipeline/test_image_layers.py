@@ -168,7 +168,6 @@ THREE = TwoRounds(lambda film: {"techniques": ("light", "uniform", "brdf"), "sha
 
 @pytest.mark.parametrize(("layers", "options", "message"), [
     (["albdo"], {}, r"layers must be of albedo, .*light:0 \(QuadLight\); got 'albdo'.*albedo"),
-    (["light:1"], {}, "got 'light:1'"),
     (["direct"], {"rule": "auto"}, "same number of samples in all pixels"),
     (["unweighted"], {"rule": "thesis"}, "layers of unweighted light need fixed shares"),
     (["direct"], {"rule": "balance", "noise": 0.5}, "without noise or seconds"),
@@ -176,7 +175,6 @@ THREE = TwoRounds(lambda film: {"techniques": ("light", "uniform", "brdf"), "sha
     (["direct"], {"rule": GOES_ON}, "go on from no earlier one"),
     (["technique"], {"rule": UNIFORM}, "techniques, light, brdf; got .* techniques uniform, brdf"),
     (["technique"], {"rule": THREE}, "got .* techniques light, uniform, brdf"),
-    (["unweighted"], {"rule": "fixed:0.5", "combiner": "maximum"}, "those of combiner maximum may be 0"),
     (["unweighted"], {"rule": "fixed:0.5", "combiner": "cutoff-0.5"}, "those of combiner cutoff-0.5 may be 0"),
 ])  # fmt: skip
 def test_refuses(layers: list[str], options: dict[str, object], message: str) -> None:

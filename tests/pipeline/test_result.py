@@ -1,9 +1,10 @@
-"""How a result, a scene and a pilot show themselves; the other parts of a result are tested with `render`."""
+"""How results, scenes and pilots show themselves, and bars of progress."""
 
 from __future__ import annotations
 
 import io
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,7 @@ from helpers import shared_scene
 
 import dmis
 from dmis.image import png_of, write_png
+from dmis.pipeline.progress import reporting
 from dmis.variance.moments import Film
 
 
@@ -65,3 +67,36 @@ def test_notebook_shows_the_picture(tmp_path: Path) -> None:
     assert result._repr_png_() == png_of(result.image) == (tmp_path / "a.png").read_bytes()
     with pil.open(io.BytesIO(result._repr_png_())) as picture:
         assert picture.size == (20, 12) and np.asarray(picture).max() > 100
+
+
+# Progress ------------------------------------------------------------------------------------------------------------
+
+
+def test_bar_follows_the_render(box: dmis.Scene, capsys: pytest.CaptureFixture[str]) -> None:
+    """True shows both stages on standard error, and the image is that without a bar."""
+    pytest.importorskip("tqdm")
+    image = dmis.render(box, "thesis:patch=4", 8, parallel=1, progress=True).image
+    shown = capsys.readouterr().err
+    assert "pilot" in shown and "final" in shown and "samples" in shown
+    assert (image == dmis.render(box, "thesis:patch=4", 8, parallel=1, progress=False).image).all()
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("rule", ["thesis:patch=4", "auto", "balance", "reference"])
+def test_progress_is_that_of_the_whole_render(box: dmis.Scene, rule: str, tmp_path) -> None:
+    """Samples of all rounds add up, so that a bar has the time left of the render; both halves of a reference, too."""
+    calls: list[tuple[str, int, int]] = []
+    options = {"parallel": 1, "progress": lambda *call: calls.append(call)}
+    if rule == "reference":
+        dmis.make_reference(box, 32, folder=tmp_path, **options)
+    else:
+        dmis.render(box, rule, 64, **options)
+    done, total = (np.array(values) for values in list(zip(*calls, strict=True))[1:])
+    assert (np.diff(done) > 0).all() and (done <= total).all() and done[-1] == total[-1] > 0.9 * total[0]
+
+
+def test_progress_without_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message says what to install."""
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    with pytest.raises(ImportError, match=r"pip install 'dmis\[progress\]'"), reporting(True):
+        pass
