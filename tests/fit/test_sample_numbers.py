@@ -75,10 +75,6 @@ def test_whole_samples_keep_the_expectation() -> None:
     share = np.array([[1.0, 2.0, 3.0, 5.5, 0.2]])
     mean = np.mean([whole_samples(share, 50, np.random.default_rng(s)) for s in range(1000)], axis=0)
     np.testing.assert_allclose(mean, share * (50 / share.mean()), rtol=0.02)
-
-
-def test_errors() -> None:
-    """More samples than `LEVELS` has."""
     with pytest.raises(ValueError, match="camera samples must be at most 65536 per pixel"):
         whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(1))
 

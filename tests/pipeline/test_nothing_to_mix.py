@@ -52,19 +52,6 @@ def test_images_are_those_of_equal_shares(
     assert result.provenance["rule"] == rule and shares[0] == shares[1]
 
 
-def test_a_small_budget_is_enough(delta_scene: dmis.Scene) -> None:
-    """Without a pilot no samples need to be left for it."""
-    assert (dmis.render(delta_scene, "thesis", 1).samples == 1).all()
-
-
-@pytest.mark.usefixtures("literature")
-def test_shares_of_three_techniques(delta_scene: dmis.Scene) -> None:
-    """They are equal; the mean is that of two techniques, because lights of one direction have no technique."""
-    result = dmis.render(delta_scene, "simplex", 8, seed=1)
-    np.testing.assert_array_equal(result.weight, np.float32(1 / 3))
-    assert result.rays["delta"] > 0 and not result.rays.keys() & {"shadow", "brdf", "resampled"}
-
-
 def test_rules_that_divide_camera_samples_have_a_first_round(delta_scene: dmis.Scene) -> None:
     """`auto` takes more samples where the image is noisy, whatever the lights."""
     result = dmis.render(delta_scene, "auto", 32, seed=1, sampler="sobol")
