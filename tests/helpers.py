@@ -276,14 +276,9 @@ def lamp_images(rule: Any, first: int = 0, roughness: float = 0.1, **settings: A
 
 
 def z_score(a: Array, b: Array | float) -> float:
-    """Return the difference of the means of two independent samples, over its standard error.
+    """Difference of the means of two independent samples, ``(N,)`` and ``(M,)``, over its standard error.
 
-    Parameters
-    ----------
-    a
-        Sample, ``(N,)``.
-    b
-        Another, ``(M,)``, or a number without error.
+    `b` may be a number without error.
     """
     a = np.asarray(a, float)
     error2, other = a.var(ddof=1) / len(a), b

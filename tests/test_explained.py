@@ -75,14 +75,3 @@ def test_largest_samples_by_hand(script) -> None:
         own = sample["p_l"] if technique == "light" else sample["p_b"]
         assert sample["W"] == pytest.approx(own / (sample["p_l"] + sample["p_b"]))
         assert sample["value"] == pytest.approx(sample["W"] * np.mean(sample["f"]) / (own / 2), rel=1e-5)
-
-
-def test_names_of_lights(script) -> None:
-    """A tree selects among four lamps where a path has scattered, but not behind a mirror."""
-    lamps = tuple(replace(ABOVE, corner=(x, -0.5, 2)) for x in (-2, -1, 0, 1))
-    wall = dmis.Part(quad((-2, 1, 0), (4, 0, 0), (0, 0, 3)), dmis.matte(0.9))
-    scene = box_scene(dmis.matte(0.5), lamps, (wall, *map(dmis.light_part, lamps)))
-    mirrored = replace(scene, parts=(dmis.Part(scene.parts[0].mesh, dmis.mirror()), *scene.parts[1:]))
-    for seen, second in ((scene, {"SelectedLights 0"}), (mirrored, {f"QuadLight {number}" for number in range(4)})):
-        sources = script["explain"](seen, (8, 8), 512, rules=(), integrator="path", max_depth=2)["sources"]
-        assert {light for light, _, surface in sources if surface == 2} == second

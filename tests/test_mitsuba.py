@@ -91,18 +91,6 @@ def test_albedo_of_the_samples(material):
     assert (np.abs(weights.mean(axis=1) - albedo) < 5 * error + 0.005 * albedo).all()
 
 
-def test_camera():
-    """Rays through the corners of a picture that is wider than high, of a left-handed camera."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
-    for flip in (1, -1):
-        camera = dmis.Camera(matrix @ np.diag([flip, 1, 1, 1]), 40.0, (60, 40))
-        x, y = np.array([0, 60, 0, 60, 17]), np.array([0, 0, 40, 40, 9])
-        at = mi.Point2f(x / 60, y / 40)
-        rays, _ = mitsuba_scene.sensor(camera).sample_ray(mi.Float(0), mi.Float(0.5), at, mi.Point2f(0.5))
-        np.testing.assert_allclose(np.array(rays.d), camera.rays(x, y), atol=2e-6)
-
-
 def test_sky_and_texture():
     """Radiance in all directions of a rotated sky; values of an image, scaled and repeated."""
     rng = np.random.default_rng(4)

@@ -1,6 +1,7 @@
 """Converged images against pbrt-v2's, on the thesis's original scenes. Minutes: `make test-slow`."""
 
 import warnings
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -14,50 +15,31 @@ pytestmark = pytest.mark.slow
 LIMITS = {"killeroo-diffuse": 0.006, "killeroo-gold": 0.015, "teapot-area-light": 0.006, "env": 0.015}
 
 
-@pytest.fixture(scope="module")
-def load():
-    scenes = {}
-
-    def get(path):
-        if path not in scenes:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                scenes[path] = dmis.load_scene(path)
-        return scenes[path]
-
-    return get
+@lru_cache(len(LIMITS))
+def load(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return dmis.load_scene(path)
 
 
-@pytest.fixture(scope="module")
-def balance(load):
-    """Images of the balance heuristic by path, rendered once."""
-    images = {}
-
-    def get(path):
-        if path not in images:
-            images[path] = dmis.render(load(path), "balance", 256, seed=11)
-        return images[path]
-
-    return get
+@lru_cache(len(LIMITS))
+def balance(path):
+    return dmis.render(load(path), "balance", 256, seed=11)
 
 
 def dark_blocks(image, reference):
     """Of env only the blocks that the visible light probe does not fill, as images of one block each."""
     size = 8
     height, width = (n // size * size for n in reference.shape[:2])
-    blocks = [
-        a[:height, :width]
-        .reshape(height // size, size, width // size, size, 3)
-        .swapaxes(1, 2)
-        .reshape(-1, size, size, 3)
-        for a in (image, reference)
-    ]
+    shape = height // size, size, width // size, size, 3
+    cropped = (a[:height, :width].reshape(shape) for a in (image, reference))
+    blocks = [a.swapaxes(1, 2).reshape(-1, size, size, 3) for a in cropped]
     keep = blocks[1].mean(axis=(1, 2, 3)) < 0.1
     return [np.concatenate(list(b[keep])) for b in blocks]
 
 
 @pytest.mark.parametrize("name", LIMITS)
-def test_balance_converges_to_pbrt(pbrt_scenes, references, load, name):
+def test_balance_converges_to_pbrt(pbrt_scenes, references, name):
     """At 1024 spp: each channel's mean within 0.3 %, and 8x8 blocks within the limit that their noise allows."""
     reference = np.load(references / f"{name}.npz")["mean"].astype(float)
     image = dmis.render(load(pbrt_scenes / f"{name}.pbrt"), "balance", 1024).image.astype(float)
@@ -77,12 +59,8 @@ def test_balance_converges_to_pbrt(pbrt_scenes, references, load, name):
         *(f"second-moment:combiner={combiner}" for combiner in ("power", "maximum", "cutoff")),
     ],
 )
-def test_every_mixture_has_the_same_mean(pbrt_scenes, load, balance, name, rule):
-    """The mean over the image differs from the balance heuristic's by noise: |z| < 4 in every channel.
-
-    BRDF sampling alone sees a small bright light so rarely that its variance estimate is unreliable in one pixel;
-    over the 87,552 pixels of an image the mean is normal enough.
-    """
+def test_every_mixture_has_the_same_mean(pbrt_scenes, name, rule):
+    """The mean over the image differs from the balance heuristic's by noise: |z| < 4 in every channel."""
     path = pbrt_scenes / f"{name}.pbrt"
     a, b = balance(path), dmis.render(load(path), rule, 128, seed=12)
     z = channels_z(a, b)

@@ -178,13 +178,3 @@ def test_slots_have_the_shares_as_probabilities(w: tuple[float, ...], random: bo
     for share, each in zip(w, counts, strict=True):
         off = each.reshape(12, count).sum(axis=1) - count * share
         assert (np.abs(off) <= Z_LIMIT * np.sqrt(count * share * (1 - share))).all()
-
-
-def test_whole_shares_are_numbers() -> None:
-    """Where all counts are whole, they are the same for all camera samples; in float32, too."""
-    thirds = np.full((3, 1), np.float32(1 / 3))
-    assert [whole_counts(thirds, n) for n in (3, 6, 4)] == [(1, 1, 1), (2, 2, 2), None]
-    assert whole_counts(pixel_shares(0.5), 2) == (1, 1) and whole_counts(pixel_shares(0.5), 2, random=True) is None
-    assert whole_counts(np.array([[0.5], [0.25], [0.25]]), 4) == (2, 1, 1)
-    assert whole_counts(np.array([[1.0], [0.0], [0.0]]), 2, random=True) == (2, 0, 0)
-    assert whole_counts(pixel_shares(np.full(5, 0.5)), 2) is None

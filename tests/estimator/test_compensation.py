@@ -98,19 +98,6 @@ def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: f
     assert result.provenance["settings"]["compensation"] == expected
 
 
-@pytest.mark.parametrize(
-    ("rule", "settings", "message"),
-    [
-        ("auto:compensation=0.5", {"preset": "thesis"}, "preset thesis has compensation 0.0; got 0.5"),
-        ("auto:compensation=1", {}, "compensation must be .* less than 1.*; got 1.0"),
-        ("balance", {"compensation": "0.5"}, "compensation must be .* less than 1.*; got '0.5'"),
-    ],
-)
-def test_conflicts_and_bad_values(rule: str, settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        dmis.render(sky_scene(), rule, 16, **settings)
-
-
 def test_the_field_comes_first() -> None:
     """A light's own compensation overrides settings and rules; without one these decide."""
     half = image(sky_scene(), compensation=0.5)

@@ -28,7 +28,6 @@ def test_preset_is_complete(name: str) -> None:
     ("options", "message"),
     [
         ({"sampler": "sobol"}, "preset thesis has sampler 'independent' or 'lowdiscrepancy'; got 'sobol'"),
-        ({"allocation": "random"}, "preset thesis has allocation 'systematic'; got 'random'"),
         ({"rule": "uniform"}, "preset thesis has techniques"),
         ({"settings": dmis.Settings(lights="all")}, "preset thesis has lights 'pbrt'; got 'all'"),
         ({"preset": "best"}, "preset must be thesis or thesis-shares or nearest or None; got 'best'"),

@@ -227,6 +227,7 @@ def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
         ({"rule": "thesis:4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
         ({"shading_sample": 4}, r"got shading_sample, did you mean 'shading_samples'\?"),
         ({"rule": "auto", "spp": 32, "shading_samples": 3}, "even for rule auto,.*; got 3. Use 4, or rule thesis"),
+        ({"compensation": "0.5"}, "compensation must be .* less than 1.*; got '0.5'"),
         ({"combiner": ["power"]}, r"combiner must be one of balance, .*; got .\['power'\]"),
         ({"progress": 5}, "progress must be a function progress.*, True for a bar, or None; got 5"),
         ({"rule": None, "preset": "thesis"}, "; got 4. Use a larger spp or another rule, such as balance"),
