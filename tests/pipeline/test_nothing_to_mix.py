@@ -10,20 +10,14 @@ from dmis.testing.scenes import box_scene
 POINT, SUN = dmis.PointLight((1, -1, 2), (3, 3, 3)), dmis.DistantLight((0, 0.3, 1), (1, 1, 1))
 
 
-@pytest.fixture(scope="module")
-def delta_scene() -> dmis.Scene:
-    """A matte floor under lights of a single direction each."""
-    return box_scene(dmis.matte(0.6), (POINT, SUN), resolution=(40, 32))
+DELTAS = box_scene(dmis.matte(0.6), (POINT, SUN), resolution=(40, 32))
+"""A matte floor under lights of a single direction each."""
+SKY = dmis.EnvironmentLight(np.random.default_rng(1).random((4, 8, 3)))
+MIRROR = box_scene(dmis.mirror(), (SKY,), resolution=(40, 32))
+"""A mirror under a sky, which no surface samples."""
 
 
-@pytest.fixture(scope="module")
-def mirror_scene() -> dmis.Scene:
-    """A mirror under a sky, which no surface samples."""
-    sky = dmis.EnvironmentLight(np.random.default_rng(1).random((4, 8, 3)))
-    return box_scene(dmis.mirror(), (sky,), resolution=(40, 32))
-
-
-@pytest.mark.parametrize("scene_name", ["delta_scene", "mirror_scene"])
+@pytest.mark.parametrize("scene", [DELTAS, MIRROR], ids=["deltas", "mirror"])
 @pytest.mark.parametrize(
     ("rule", "same"),
     [
@@ -35,11 +29,9 @@ def mirror_scene() -> dmis.Scene:
         ("second-moment:combiner=frozen", "balance:combiner=frozen"),
     ],
 )
-def test_images_are_those_of_equal_shares(
-    scene_name: str, rule: str, same: str, request: pytest.FixtureRequest
-) -> None:
+def test_images_are_those_of_equal_shares(scene: dmis.Scene, rule: str, same: str) -> None:
     """The same bits and rays as `balance` with the settings of the rule; the maps say so, and the provenance, why."""
-    scene, stages = request.getfixturevalue(scene_name), set()
+    stages = set()
     result = dmis.render(scene, rule, 9, seed=2, progress=lambda stage, done, total: stages.add(stage))
     other = dmis.render(scene, same, 9, seed=2)
     np.testing.assert_array_equal(result.image, other.image)
@@ -52,9 +44,9 @@ def test_images_are_those_of_equal_shares(
     assert result.provenance["rule"] == rule and shares[0] == shares[1]
 
 
-def test_rules_that_divide_camera_samples_have_a_first_round(delta_scene: dmis.Scene) -> None:
+def test_rules_that_divide_camera_samples_have_a_first_round() -> None:
     """`auto` takes more samples where the image is noisy, whatever the lights."""
-    result = dmis.render(delta_scene, "auto", 32, seed=1, sampler="sobol")
+    result = dmis.render(DELTAS, "auto", 32, seed=1, sampler="sobol")
     assert np.ptp(result.samples) > 0 and (result.weight == 0.5).all()
     assert not result.provenance["pilot_rays"] and "nothing_to_mix" not in result.provenance
 
@@ -68,17 +60,17 @@ class Own(dmis.Rule):
         return Fit(0.25)
 
 
-def test_own_rules_have_a_first_round_by_default(delta_scene: dmis.Scene) -> None:
+def test_own_rules_have_a_first_round_by_default() -> None:
     """The default is to render the pilot; ``shares_only = True`` leaves it out."""
-    result = dmis.render(delta_scene, Own(), 8)
+    result = dmis.render(DELTAS, Own(), 8)
     assert (result.weight == 0.25).all() and result.provenance["pilot_rays"]["camera"] > 0
     rule = Own()
     rule.shares_only = True
-    result = dmis.render(delta_scene, rule, 8)
+    result = dmis.render(DELTAS, rule, 8)
     assert (result.weight == 0.5).all() and result.provenance["pilot_rays"] == {}
 
 
-def test_one_light_with_two_techniques_is_enough(delta_scene: dmis.Scene) -> None:
+def test_one_light_with_two_techniques_is_enough() -> None:
     """A lamp beside the others brings the pilot back; one without power does not."""
     lamp, dark = (dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (e, e, e)) for e in (3, 0))
     for light, learned in ((lamp, True), (dark, False)):
