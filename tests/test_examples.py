@@ -82,10 +82,6 @@ def check(picture: Path) -> None:
     assert not re.search(r"\bnan\b", about["Description"])
 
 
-def test_every_figure_of_the_thesis_has_its_script():
-    assert all(any(f"plot_{name}" in script.stem for script in FIGURES) for name in THESIS)
-
-
 def test_figures_of_the_thesis_show_the_fit():
     """Scripts that call the library's fit print its code at the end of a cell, below which the site has it, too."""
     texts = [path.read_text("utf-8") for path in FIGURES if path.parent.name == "thesis"]

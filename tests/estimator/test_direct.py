@@ -137,15 +137,16 @@ def lamp_part(light: QuadLight, material: Material = BLACK) -> Part:
     return Part(quad(light.corner, light.edge_u, light.edge_v), material, light)
 
 
-def test_mirror_shows_the_emitter() -> None:
+@pytest.mark.parametrize(("integrator", "kind"), [("direct", "specular"), ("path", "bounce 1")])
+def test_mirror_shows_the_emitter(integrator: str, kind: str) -> None:
     """A mirror shows the lamp's radiance times the reflectance, and 0 beside it: exactly, for deltas have no noise."""
     lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))  # a wall behind the mirror, facing -y
     scene = box_scene(mirror((0.5, 0.25, 1.0)), (lamp,), (lamp_part(lamp),), eye=(0, -2, 2), fov=1.0)
-    image, rays = tile_of(scene, spp=4)
+    image, rays = tile_of(scene, spp=4, integrator=integrator)
     np.testing.assert_allclose(image, np.broadcast_to([1.5, 0.5, 1.0], image.shape), rtol=1e-6)
-    assert rays == {"camera": 16 * 16 * 4, "specular": 16 * 16 * 4}
+    assert rays == {"camera": 16 * 16 * 4, kind: 16 * 16 * 4}
     beside = box_scene(mirror(), (lamp,), (lamp_part(lamp),), eye=(3, -2, 2), target=(3, 0, 0), fov=1.0)
-    assert not tile_of(beside, spp=4)[0].any()
+    assert not tile_of(beside, spp=4, integrator=integrator)[0].any()
 
 
 def test_max_depth_one_stops_at_the_mirror() -> None:

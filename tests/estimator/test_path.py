@@ -161,17 +161,13 @@ def test_probabilities_of_lobes_add_up_to_one(reflected: float, albedo: float) -
     assert rays["bounce 1"] == pytest.approx(rays["camera"] * reflected / (reflected + 0.1), rel=0.01)
 
 
-def test_lamp_in_a_mirror_counts_and_elsewhere_does_not() -> None:
-    """What a delta lobe meets shines; what a BRDF sample meets has been counted where it was drawn."""
+def test_lamp_that_is_met_does_not_count() -> None:
+    """What a BRDF sample meets has been counted where it was drawn; the lamp reflects nothing."""
     lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))
     shape = Part(quad(lamp.corner, lamp.edge_u, lamp.edge_v), Material(()), lamp)
-    settings = Settings(integrator="path", max_depth=1)
-    scene = box_scene(mirror((0.5, 0.25, 1.0)), (lamp,), (shape,), eye=(0, -2, 2), fov=1.0)
-    image = dmis.render(scene, "balance", 4, settings=settings).image
-    np.testing.assert_allclose(image, np.broadcast_to([1.5, 0.5, 1.0], image.shape), rtol=1e-6)
     floor = box_scene(matte(0.5), (lamp,), (shape,))
     a, b = (means(floor, "balance", range(k, k + 40), max_depth=depth) for k, depth in ((0, 1), (100, 8)))
-    assert abs(z_score(a, b)) < Z_LIMIT  # the lamp reflects nothing
+    assert abs(z_score(a, b)) < Z_LIMIT
 
 
 class Checkered(dmis.Rule):
