@@ -40,10 +40,10 @@ from dmis.experiment.oracle_renders import make_oracle as make_oracle
 from dmis.experiment.reference import Reference as Reference
 from dmis.experiment.reference import make_reference as make_reference
 from dmis.experiment.runs import measure as measure
-from dmis.fit.curve_minimum import PatchCurves as PatchCurves
-from dmis.fit.curve_minimum import guarded_argmin as guarded_argmin
 from dmis.fit.fixed import Given as Given
+from dmis.fit.pooling import PatchCurves as PatchCurves
 from dmis.fit.pooling import PooledRule as PooledRule
+from dmis.fit.pooling import guarded_argmin as guarded_argmin
 from dmis.fit.pooling import pool as pool
 from dmis.fit.registry import make_rule as make_rule
 from dmis.fit.registry import register_rule as register_rule

@@ -32,16 +32,18 @@ from dmis.fit.round import Budget, Fit, Round
 from dmis.fit.rule import OptionRule
 from dmis.fit.sample_density import (
     EXPONENT,
+    FIRST_ROUNDS,
+    LEAST_SPP,
     PATH_PRICE,
     FirstRound,
     density_of_colour,
+    powers_of_two,
     sample_costs,
     sample_variance,
     variance_of_mean,
 )
-from dmis.fit.sample_numbers import FIRST_ROUNDS, LEAST_SPP, powers_of_two
+from dmis.variance.curves import PatternCurves
 from dmis.variance.moments import Film
-from dmis.variance.pattern_curves import PatternCurves
 
 LOOK, LOOK_PATHS = 16, 128
 """Budgets for which the pilot has one camera sample, of direct lighting and of paths."""

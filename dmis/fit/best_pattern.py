@@ -8,7 +8,7 @@ low-discrepancy points falls as ``V n^-a``, the best pattern is that of the leas
 
 A light sample less, for example, makes C smaller and V larger; which of them matters more is another question in a
 penumbra than on a glossy ball. Each patch of 4x4 pixels answers it by its variance curve, which the samples of the
-pilot give for all shares w of light samples at once (`dmis.variance.pattern_curves`). With independent points
+pilot give for all shares w of light samples at once (`dmis.variance.curves`). With independent points
 
     V = P + A(w) / S,
 
@@ -33,12 +33,10 @@ import numpy as np
 from dmis.base.patches import PATCH, patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.cost import pattern_costs
-from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, PatternMap
+from dmis.estimator.patterns import EQUAL, FIRST, MOST_HALVINGS, PATTERNS, SAMPLES_OF, SHARE_OF, PatternMap
 from dmis.filter import gaussian
-from dmis.fit.curve_minimum import PatchCurves, allowed_weights
-from dmis.fit.pooling import pool
+from dmis.fit.pooling import PatchCurves, allowed_weights, pool
 from dmis.fit.sample_density import CONFIDENCES, DARK, confidence
-from dmis.fit.sample_numbers import light_halvings
 from dmis.variance.moments import Film
 
 HALF = int(SHARE_OF[FIRST])
@@ -189,6 +187,40 @@ def pattern_errors(curves: PatchCurves, cost: Array, allowed: np.ndarray, guard:
     certain &= allowed[:, None, None]
     certain[HALF] = True
     return np.where(certain[SHARE_OF], error, np.inf).astype(np.float32)
+
+
+def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float) -> tuple[np.ndarray, Array, Array]:
+    """Return the best halvings of each light (`dmis.estimator.patterns`), and their effect on variance and cost.
+
+    If a share f_k of the camera samples samples light k, error and cost are in proportion to::
+
+        sum V_k f_k^-a,    C + sum C_k f_k
+
+    and error times cost^a is least where ``f_k^(1 + a) = V_k / C_k / (sum V_j f_j^-a / (C + sum C_j f_j))``.
+
+    V_k and C_k are `variance` and `cost` of a camera sample, ``(K, ...)``, C the cost of the `camera` sample without
+    lights, and a the `exponent`, see `dmis.fit.sample_density`. The last place is that of delta lights; a lamp that is
+    the only one besides is not halved, because its rare highlights would be missed.
+
+    Returns
+    -------
+    halvings
+        ``-log2 f_k``, rounded, from 0 to `MOST_HALVINGS`, ``(K, ...)`` uint8.
+    variance_ratio, cost_ratio
+        Variance and cost over those without halvings, ``(...)``.
+    """
+    part = np.ones(variance.shape)
+    for _ in range(3):
+        price = (variance * part**-exponent).sum(axis=0) / (camera + (cost * part).sum(axis=0))
+        wanted = variance / np.maximum(cost * price, TINY)
+        halvings = np.rint(np.clip(-np.log2(np.maximum(wanted, TINY)) / (1 + exponent), 0, MOST_HALVINGS))
+        halvings[cost <= 0] = 0
+        if len(halvings) == 2:
+            halvings[0] = 0
+        part = 2.0**-halvings
+    total = np.maximum(variance.sum(axis=0), TINY)
+    cost_ratio = (camera + (cost * part).sum(axis=0)) / (camera + cost.sum(axis=0))
+    return halvings.astype(np.uint8), np.maximum((variance * part**-exponent).sum(axis=0), TINY) / total, cost_ratio
 
 
 def best_of_few(errors: Array, weight: Array, exponent: float) -> np.ndarray:

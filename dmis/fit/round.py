@@ -32,6 +32,8 @@ WEIGH = ("samples", "heuristic")
 """What the weights of a rule are: shares of the samples, which the heuristic uses, too; or the heuristic's alone, while
 all techniques take the same number of samples.
 """
+LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
+"""Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
 Weight = float | tuple[float, ...]
 """Share of the first of two techniques, or shares of all of them."""
 
@@ -280,8 +282,6 @@ class Budget:
             shares = shares_of(np.clip(shares[0], *share_range))
         samples: Array | int = spp
         if fit.samples is not None:
-            from dmis.fit.sample_numbers import whole_samples
-
             samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))
         final = Round(
             samples,
@@ -342,13 +342,44 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
         )
 
 
+def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
+    """Return whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2, int32.
+
+    Shares are positive and finite.
+
+    Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
+    keeps their mean. A ValueError if there are more samples than `LEVELS` has.
+    """
+    if spp > LEVELS[-1]:
+        raise ValueError(f"camera samples must be at most {LEVELS[-1]} per pixel where a rule divides them; got {spp}")
+    least = min(2, spp)
+    most = LEVELS[-1]
+    values, pixels = np.unique(share, return_counts=True)
+    low_scale = 0.0
+    high_scale = most / values[0]
+    # bisection for the scale at which the clipped samples have the mean spp; it ends when all pixels are at the least,
+    # or when no float is between the two scales
+    while high_scale * values[-1] > least and low_scale < (scale := (low_scale + high_scale) / 2) < high_scale:
+        enough = np.clip(values * scale, least, most) @ pixels >= spp * share.size
+        low_scale, high_scale = (low_scale, scale) if enough else (scale, high_scale)
+    samples = np.empty(share.shape, np.int32)
+    offset = rng.random()
+    for row, row_samples in zip(share, samples, strict=True):
+        target = np.clip(row.astype(float) * high_scale, least, most)
+        low = np.clip(np.searchsorted(LEVELS, target, "right") - 1, 0, len(LEVELS) - 2)
+        steps = np.cumsum(np.append(offset, (target - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])))
+        row_samples[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
+        offset = steps[-1]
+    return samples
+
+
 def _whole(name: str, values: Any, shape: tuple[int, int]) -> Array | int:
     """Return whole numbers of the image or of each pixel; raise a ValueError unless they are such."""
     values = np.asarray(values)
     if values.shape not in ((), shape):
         raise ValueError(_of_shape(name, (), shape, values.shape))
     if values.dtype.kind not in "iu":
-        whole_numbers = "Make it whole by dmis.fit.sample_numbers.whole_samples"
+        whole_numbers = "Make it whole by dmis.fit.round.whole_samples"
         raise ValueError(f"{name} must be whole; got {values.flat[0]:g}. {whole_numbers}")
     if values.min(initial=0) < 0:
         raise ValueError(f"{name} must not be negative; got {values.min()}")

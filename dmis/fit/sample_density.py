@@ -1,4 +1,4 @@
-"""Numbers of camera samples of pixels, in proportion, from the first round of `dmis.fit.auto`.
+"""Numbers of camera samples of pixels: in proportion, from the first round of `dmis.fit.auto`, and made whole.
 
 The squared error of n low-discrepancy points falls as ``V n^-a``, with a = 1.4 or so, and a camera sample costs C. The
 error of the image is the sum of ``V n^-a`` over its pixels, and its cost the sum of ``n C``. It is least where another
@@ -26,6 +26,7 @@ whose own V q judges. If the gain that it predicts is less than the price of une
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -38,6 +39,12 @@ from dmis.filter import gaussian
 from dmis.fit.pooling import pool
 from dmis.variance.moments import Film
 
+LEAST_SPP = 16
+"""Budget of `dmis.fit.auto` from which on there is a first round."""
+FIRST_ROUNDS = ((32, 4), (64, 8), (256, 16), (1024, 32), (math.inf, 64))
+"""Budgets below which a first round is so large, in camera samples."""
+MOST_ADAPTIVE = 2**16
+"""Largest number of camera samples of one pixel, with rules that divide them between pixels."""
 EXPONENT = 1.4
 """a of low-discrepancy points; of independent ones it is 1."""
 CONFIDENCES = {"absolute": (1.0, 0.75, 0.5, 0.25), "relative": (0.75, 0.5, 0.25)}
@@ -223,3 +230,49 @@ def confidence(
         of_power[t] = float(np.vdot(measured, (number / budget) ** -exponent) / measured.sum())
     t = min(of_power, key=of_power.__getitem__)
     return (t if of_power[t] < price else 0.0), of_power[t]
+
+
+def powers_of_two(density: Array, cost: Array, least: Array, budget: float, chance: Array) -> np.ndarray:
+    """Return numbers of camera samples in proportion to a `density` on average, from `least` on, ``(H, W)`` int32.
+
+    They are powers of two, which cost the `budget` or a little less. `cost`, in the same units, is that of a camera
+    sample of each pixel, and `chance` are uniform random numbers for the rounding, ``(H, W)`` each.
+    """
+    # t is rounded up to 2^(k + 1) with probability t / 2^k - 1, if to a power of two up to 2 t / (1 + chance)
+    x = 2 * density / (1 + chance) / max(density.max(), 1e-300)
+    low, high = 0.0, 60.0  # binary logarithm of the scale
+    for _ in range(24):
+        middle = (low + high) / 2
+        fits = (_power_of_two(x * 2.0**middle, least) * cost).sum() <= budget
+        low, high = (middle, high) if fits else (low, middle)
+    return _spend_rest(_power_of_two(x * 2.0**low, least), x * 2.0**low, cost, budget).astype(np.int32)
+
+
+def _spend_rest(samples: Array, target: Array, cost: Array, budget: float) -> Array:
+    """Return `samples` with some doubled, nearest to it first, so that what is left of the `budget` is used.
+
+    Scaling all pixels together stops as soon as one of them is too expensive to be doubled, and a few expensive pixels
+    may leave much of the budget. Pixels with far more samples than their `target`, such as black ones, stay as they
+    are.
+    """
+    n = samples.reshape(-1)
+    step = (samples * cost).reshape(-1)
+    rest = budget - step.sum()
+    for least_nearness in (1, 1 / 2, 1 / 4):
+        nearness = target.reshape(-1) / n
+        order = np.flatnonzero((nearness >= least_nearness) & (2 * n <= MOST_ADAPTIVE))
+        order = order[np.argsort(-nearness[order], kind="stable")]
+        while len(order := order[step[order] <= rest]):
+            k = max(1, np.count_nonzero(np.cumsum(step[order]) <= rest))
+            doubled = order[:k]
+            order = order[k:]
+            rest -= step[doubled].sum()
+            n[doubled] *= 2
+            step[doubled] *= 2
+    return n.reshape(samples.shape)
+
+
+def _power_of_two(x: Array, least: Array) -> np.ndarray:
+    """Return the largest powers of two up to `x`, from `least` to `MOST_ADAPTIVE`."""
+    powers = np.ldexp(1.0, np.frexp(np.minimum(x, MOST_ADAPTIVE))[1] - 1)
+    return np.maximum(powers, least)

@@ -12,8 +12,7 @@ import numpy as np
 from dmis.base.patches import patch_spread, patch_sum
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import DEFAULTS
-from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
-from dmis.fit.pooling import PooledRule
+from dmis.fit.pooling import PatchCurves, PooledRule, allowed_weights, guarded_argmin
 from dmis.fit.round import Fit
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 from dmis.variance.moments import Film
@@ -25,7 +24,7 @@ class SecondMoment(PooledRule):
 
     The pilot gives unbiased curves V(w) (`dmis.variance.curves`), which are averaged over patches, filtered, weighed
     with the cost of a camera sample at w (`dmis.estimator.cost`) such that the image's error times its time is least
-    (`dmis.fit.curve_minimum.guarded_argmin`), and minimised on a grid of shares. The closest relative is Grittmann et
+    (`dmis.fit.pooling.guarded_argmin`), and minimised on a grid of shares. The closest relative is Grittmann et
     al. 2022, "Efficiency-aware multiple importance sampling for bidirectional rendering algorithms" (ACM Transactions
     on Graphics 41(4)), where the samples of one combination of techniques give the efficiencies of many others.
 

@@ -16,11 +16,10 @@ from dmis import __version__
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.base.window import MAX_PIXELS, Window
-from dmis.estimator.presets import PRESETS
-from dmis.estimator.settings import Settings
+from dmis.estimator.settings import PRESETS, Settings
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Budget
+from dmis.fit.round import LEVELS, Budget
 from dmis.fit.rule import Rule, check_settings, merge_settings, rule_text
 from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning
@@ -186,8 +185,6 @@ def default_rule(spp: int, settings: Settings) -> tuple[Rule | str, str]:
     """
     if settings.preset is not None:
         return PRESETS[settings.preset].rule, ""
-    from dmis.fit.sample_numbers import LEVELS
-
     auto, most = make_rule("auto"), LEVELS[-1] // 2
     reason = f"more than {most:,} samples per pixel, rendered with w = 1/2" if spp > most else auto.fallback(spp)
     try:

@@ -40,7 +40,8 @@ import numpy as np
 
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.mis import Combiner, balance, combiner_by_name
-from dmis.estimator.records import Record
+from dmis.estimator.patterns import SHARES
+from dmis.estimator.records import Record, Wants
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)
 """Shares w of light samples at which V(w) is estimated: dense at the ends, where the curves are steep."""
@@ -130,7 +131,7 @@ class Curves:
         self._pilot[pixels] += scale / self._s * sum(light.pilot_variance() for light in lights)
 
     def sums(self) -> dict[str, Array]:
-        """Return the sums per pixel that `dmis.fit.curve_minimum.PatchCurves` averages over patches.
+        """Return the sums per pixel that `dmis.fit.pooling.PatchCurves` averages over patches.
 
         ``curve`` ``(G, P)``, its squared gain over w = 1/2, see `with_gain_square`, Var_y(D) as ``pattern``
         ``(G, P)``, and Var_y(I) as ``position`` ``(P,)``.
@@ -142,6 +143,60 @@ class Curves:
         # Var_y(I) = the pilot's variance less its curve: V(1/2) of balance with 2 S shading samples in place of S
         position = self._total / n - self._pilot / n / 2
         return with_gain_square(curve, self._second / n, self._half) | {"pattern": pattern, "position": position}
+
+
+class PatternCurves(Curves):
+    """Sums of the curves at the shares of `dmis.estimator.patterns.PATTERNS`, whose counts need no rounding.
+
+    Sums are kept apart by the colour of the pixels (`dmis.base.patches.COLOURS`): what is decided for the pixels of a
+    colour comes from the others' samples, so that a pixel's own may be part of its image.
+
+    Parameters
+    ----------
+    pixels, shading_samples, combiner
+        See `Curves`.
+    lights
+        L, lights whose variances are told apart, see `dmis.estimator.patterns`; 0: none.
+    """
+
+    wants = Wants(sums="colours")
+
+    def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance", lights: int = 0) -> None:
+        super().__init__(pixels, shading_samples, combiner, SHARES)
+        self._lights = np.zeros((lights + 1, pixels)) if lights else None
+        self._rounding_variance = np.zeros(len(SHARES))
+
+    def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
+        """Add one block, as `Curves.add` does."""
+        super().add(records, radiance, count)
+        if self._lights is not None:
+            *lights, rest = self._lights
+            left = radiance.copy()
+            for total, of_light in zip(lights, self._take_lights(records, len(lights), left), strict=True):
+                total += summed_variance(of_light, count)
+            rest += summed_variance(left, count)
+
+    def _take_lights(self, records: Sequence[Record], lights: int, radiance: Array) -> Array:
+        """Return what the first surface reflects of each light, ``(L, 1, N)``, and take it from `radiance`."""
+        of_lights = np.zeros((lights, 1, radiance.shape[1]), np.float32)
+        for record in records:
+            if len(record.key) == 1 and record.key[0] < lights:
+                where = slice(None) if record.sample is None else record.sample
+                value = record.value / np.float32(2 * self._s)
+                radiance[:, where] -= value
+                of_lights[record.key[0], 0, where] += value.mean(axis=0)
+        return of_lights
+
+    def sums(self) -> dict[str, Array]:
+        """Return the sums per pixel, see `Curves.sums`.
+
+        Those of rounding are left out. In their place is `lights`, the variance of what the first surface reflects of
+        each light, and of all the rest, ``(L + 1, P)``.
+        """
+        sums = super().sums()
+        del sums["pattern"]
+        lights = {} if self._lights is None else {"lights": self._lights / max(self._n, 1)}
+        return sums | lights
 
 
 def summed_variance(radiance: Array, count: int) -> Array:

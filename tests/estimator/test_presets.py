@@ -10,8 +10,7 @@ import pytest
 from helpers import shared_scene
 
 import dmis
-from dmis.estimator.presets import PRESETS
-from dmis.estimator.settings import make_settings
+from dmis.estimator.settings import PRESETS, make_settings
 from dmis.fit.rule import merge_settings
 
 

@@ -29,10 +29,10 @@ from dmis.fit.best_pattern import (
     pattern_errors,
     predicted_error,
 )
-from dmis.fit.curve_minimum import PatchCurves
+from dmis.fit.pooling import PatchCurves
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Round
-from dmis.fit.sample_numbers import powers_of_two
+from dmis.fit.sample_density import powers_of_two
 from dmis.variance.curves import with_gain_square
 from dmis.variance.moments import Film
 

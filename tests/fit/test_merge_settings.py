@@ -10,8 +10,7 @@ import pytest
 
 import dmis
 from dmis.cli.commands import main
-from dmis.estimator.presets import PRESETS
-from dmis.estimator.settings import DEFAULTS, make_settings
+from dmis.estimator.settings import DEFAULTS, PRESETS, make_settings
 from dmis.fit.rule import merge_settings
 
 FIRST = {**DEFAULTS, "lights": "all"}

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from dmis.base.vectors import Array
-from dmis.fit.sample_numbers import LEVELS, MOST_ADAPTIVE, light_halvings, powers_of_two, whole_samples
+from dmis.fit.best_pattern import light_halvings
+from dmis.fit.round import LEVELS, whole_samples
+from dmis.fit.sample_density import MOST_ADAPTIVE, powers_of_two
 
 FIRST = 8
 """Least number of pixels that do not begin anew; those that do have cost 1.5 in place of 3."""

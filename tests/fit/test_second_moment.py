@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from planted import PLAIN, pilot_of_curves
 
-from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
+from dmis.fit.pooling import PatchCurves, guarded_argmin
 from dmis.fit.registry import make_rule
 from dmis.fit.second_moment import SecondMoment
 from dmis.variance.curves import GRID

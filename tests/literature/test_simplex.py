@@ -12,7 +12,7 @@ from helpers import Z_LIMIT, images_z_score, lamp_images, z_score
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import systematic_counts
 from dmis.estimator.records import Record
-from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
+from dmis.fit.pooling import PatchCurves, guarded_argmin
 from dmis.fit.registry import make_rule
 from dmis.variance.moments import Film
 

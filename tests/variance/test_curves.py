@@ -7,7 +7,7 @@ from planted import exact, f, pilot, unbiased
 import dmis
 from dmis.brdf.materials import matte, plastic
 from dmis.estimator.records import Record
-from dmis.fit.curve_minimum import PatchCurves
+from dmis.fit.pooling import PatchCurves
 from dmis.fit.second_moment import SecondMoment
 from dmis.geometry.shapes import quad
 from dmis.light.area import QuadLight

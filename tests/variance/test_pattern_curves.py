@@ -13,8 +13,7 @@ from dmis.estimator.records import Record, Wants
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.pipeline.tile import render_tile
-from dmis.variance.curves import Curves, share_variance
-from dmis.variance.pattern_curves import PatternCurves
+from dmis.variance.curves import Curves, PatternCurves, share_variance
 
 
 class Whole(PatternCurves):
