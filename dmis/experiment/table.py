@@ -32,7 +32,7 @@ from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, load_reference
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
 from dmis.fit.registry import make_rule
-from dmis.fit.rule import merge_settings
+from dmis.fit.rule import merge_settings, needed_settings
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash, sampling_hashes
@@ -79,7 +79,9 @@ def conditions(
     }
     for text in rules:
         rule = make_rule(text)
-        about[f"rule {text}"] = digest([rule, sampling_hashes({"techniques": (), **rule.settings})], f"rule {text}")
+        about[f"rule {text}"] = digest(
+            [rule, sampling_hashes({"techniques": (), **needed_settings(rule)})], f"rule {text}"
+        )
     return dict(json.loads(json.dumps(about)))  # as a file has it: lists in the place of tuples
 
 

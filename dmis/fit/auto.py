@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Generator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import EQUAL, SAMPLES_OF, separate_lights
 from dmis.fit.best_pattern import PatternChoice, decide_one_pattern, decide_patterns, error_of_numbers, looks_at
 from dmis.fit.round import Budget, Fit, Round
-from dmis.fit.rule import OptionRule
+from dmis.fit.rule import Rule
 from dmis.fit.sample_density import (
     EXPONENT,
     FIRST_ROUNDS,
@@ -54,7 +54,7 @@ EXPONENTS = {"direct": EXPONENT, "path": 1.2}
 
 
 @dataclass(frozen=True)
-class Auto(OptionRule):
+class Auto(Rule):
     """Choose shares per pixel from a pilot, and numbers of camera samples per pixel from a first round.
 
     Parameters
@@ -86,6 +86,7 @@ class Auto(OptionRule):
     sampler: str | None = None
     compensation: float | None = None
     statistic = PatternCurves
+    settings = MappingProxyType({"reuse_pilot": False})
 
     def __post_init__(self) -> None:
         if self.spp and (self.spp < 4 or self.spp & (self.spp - 1)):
@@ -105,10 +106,6 @@ class Auto(OptionRule):
     @property
     def pilot(self) -> Mapping[float, int]:
         return {0.5: 2}
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        return {**super().settings, "reuse_pilot": False}
 
     @property
     def least_spp(self) -> int:

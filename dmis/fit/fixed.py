@@ -13,12 +13,12 @@ from dmis.base.vectors import Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.settings import DEFAULTS
 from dmis.fit.round import Fit, Weight
-from dmis.fit.rule import OptionRule, Rule
+from dmis.fit.rule import Rule
 from dmis.variance.moments import Film
 
 
 @dataclass(frozen=True)
-class Fixed(OptionRule):
+class Fixed(Rule):
     """Take the same share w of light samples everywhere, without a pilot: ``fixed:0.3``.
 
     Parameters

@@ -13,7 +13,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps, effective, gaussian, joint
 from dmis.fit.round import Weight
-from dmis.fit.rule import OptionRule
+from dmis.fit.rule import Rule
 from dmis.scene.feature_buffers import FEATURE_SCALES
 from dmis.variance.curves import HALF
 from dmis.variance.moments import Film
@@ -182,7 +182,7 @@ def allowed_weights(curve: Array) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PooledRule(OptionRule):
+class PooledRule(Rule):
     """Base class of rules that average a pilot's statistics over patches, filter them and minimise on each patch.
 
     A rule names its `statistic`, such as a `dmis.variance.gather.Gather`, and its `fit` takes the means of patches from

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, is_dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,8 @@ class Rule:
     pilot
         Camera samples per pixel by weight, rendered before the fit, such as ``{0.0: 2, 1.0: 2}``. Default: no pilot.
     settings
-        Values of `dmis.estimator.settings.Settings` that the rule needs; all others are the caller's. Default: none.
+        Values of `dmis.estimator.settings.Settings` that the rule needs; all others are the caller's, unless the rule
+        has an option for them, see `OPTIONS`. Default: none.
     statistic
         Makes the `dmis.estimator.records.Statistic` that the pilot gathers, such as `dmis.variance.curves.Curves`;
         with it, a pilot sample of K techniques has K times the shading samples. Default: None, moments of pixels alone.
@@ -107,8 +108,11 @@ class Rule:
         return small if spp < self.least_spp else ""
 
     def filled(self, settings: Settings) -> Rule:
-        """Return the rule with the values of `settings` for options that leave these open; it has none by default."""
-        return self
+        """Return the rule with the values of `settings` for options that are None, see `OPTIONS`."""
+        open_options = {name: option for name, option in OPTIONS.items() if getattr(self, option, "") is None}
+        if not open_options or not is_dataclass(self):
+            return self
+        return replace(self, **{option: getattr(settings, name) for name, option in open_options.items()})
 
     def __repr__(self) -> str:
         """Return the name of the class with its attributes, such as ``Quieter(least=0.2)``."""
@@ -121,22 +125,13 @@ class Rule:
 
 OPTIONS = {name: name for name in ("combiner", "techniques", "allocation", "sampler", "compensation")}
 OPTIONS["reuse_pilot"] = "reuse"
-"""Settings that rules have options for, and the names of the options."""
+"""Settings, and the attributes of rules that are options for them. None leaves a setting to the caller."""
 
 
-@dataclass(frozen=True)
-class OptionRule(Rule):
-    """Base class of rules with options for settings, named in `OPTIONS`. None leaves a setting to the caller."""
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        values = {name: getattr(self, option, None) for name, option in OPTIONS.items()}
-        return {name: value for name, value in values.items() if value is not None}
-
-    def filled(self, settings: Settings) -> OptionRule:
-        """Return the rule with the values of `settings` for options that are None."""
-        open_options = {name: option for name, option in OPTIONS.items() if getattr(self, option, "") is None}
-        return replace(self, **{option: getattr(settings, name) for name, option in open_options.items()})
+def needed_settings(rule: Rule) -> dict[str, Any]:
+    """Return the settings that a rule needs, by its options and its `Rule.settings`."""
+    values = {name: getattr(rule, option, None) for name, option in OPTIONS.items()}
+    return {name: value for name, value in values.items() if value is not None} | dict(rule.settings)
 
 
 def next_round(rounds: Generator[Round, Film, None], film: Film | None, rule: Rule | None = None) -> Round | None:
@@ -200,7 +195,7 @@ def merge_settings(
 
     A ValueError if rule and caller name different values, or the preset does not allow the rule's.
     """
-    given, needs = settings.explicit, given_values({} if rule is None else rule.settings)
+    given, needs = settings.explicit, given_values({} if rule is None else needed_settings(rule))
     for name, value in needs.items():
         if rule is not None and given.get(name, value) != value:
             advice = _advice(rule, text, name, given[name])

@@ -30,7 +30,7 @@ from dmis.base.patches import patch_spread, patch_sum
 from dmis.base.vectors import Array
 from dmis.filter import gaussian
 from dmis.fit.round import Fit
-from dmis.fit.rule import OptionRule
+from dmis.fit.rule import Rule
 from dmis.variance.moments import Film
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
@@ -40,7 +40,7 @@ has no minimum, and the best pilot weight was used; the variances were zero, equ
 
 
 @dataclass(frozen=True)
-class ThesisRule(OptionRule):
+class ThesisRule(Rule):
     """The rule of the thesis, whose steps `dmis.fit.thesis_options.Thesis` varies."""
 
     patch: int = 16  # pixels on a side; the thesis tries 4 to 32
