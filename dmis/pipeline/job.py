@@ -48,6 +48,8 @@ class Job:
         Camera samples per pixel, the pilot's included; and how many they may become by doubling.
     seed
         Seed.
+    budget
+        What the rule makes its rounds with.
     settings, sources
         Estimator settings of the final pass; and who decided each: ``caller``, ``rule``, ``preset``, ``scene``,
         ``default``.
@@ -67,17 +69,12 @@ class Job:
     spp: int
     most: int
     seed: int
+    budget: Budget
     settings: Settings
     sources: Mapping[str, str] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
     window: Window | None = None
     layers: Callable[[], Mapping[str, Array]] = dict
-
-    @property
-    def budget(self) -> Budget:
-        """What the rule makes its rounds with."""
-        shape, weigh = self.given_scene.camera.resolution[::-1], self.rule.weigh or self.settings.weigh
-        return Budget(self.spp, shape, self.settings, self.seed, weigh, self.scene.plan)
 
     @cached_property
     def provenance(self) -> Mapping[str, Any]:
@@ -105,11 +102,6 @@ class Job:
             "settings": asdict(self.settings),
             **self.notes,
         }
-
-    def without_tables(self) -> Job:
-        """Return a job with the same provenance that does not keep the tables of its scene and Embree's copy."""
-        description = self.given_scene.changed()
-        return replace(self, scene=description, given_scene=description, layers=dict)
 
     @property
     def alone(self) -> Job:
@@ -157,7 +149,9 @@ def resolve(
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, sources, notes)
+    shape, weigh = scene.camera.resolution[::-1], used.weigh or filled.weigh
+    budget = Budget(spp, shape, filled, seed, weigh, float32_scene.plan)
+    job = Job(float32_scene, gain, scene, used, text, spp, most, seed, budget, filled, sources, notes)
     return job if scene.camera.frame is None else _of_window(job)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -194,7 +194,9 @@ def make_result(
         earlier = job.spp - final.image_weight if final.before is None else final.begin
         samples = np.add(earlier, final.spp, dtype=np.float32)
         share, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
-    described = job.without_tables()
+    # the provenance does without the tables of the scene and Embree's copy
+    bare = job.given_scene.changed()
+    described = replace(job, scene=bare, given_scene=bare, budget=replace(job.budget, plan=None), layers=dict)
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
     of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(passes.pilot_rays)}
     of_image["deviation_of"] = deviation_of
