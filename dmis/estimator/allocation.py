@@ -14,13 +14,13 @@ technique with probability w over the offset, whatever its neighbours do, so the
 technique's count happens to be 0.
 
 The camera samples of a tile are cut into batches that stay in the cache (`sample_batches`), and each batch is ordered
-by its counts (`SampleAllocation`).
+by its counts (`allocate`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -169,26 +169,34 @@ class CameraSamples:
     subsets: LightSubsets | None = None
     order: np.ndarray | None = None
 
-    def restore_order(self, values: Array, records: Sequence[Record] | None) -> tuple[Array, Sequence[Record]]:
-        """Return `values` ``(3, N)`` of the camera samples, and `records` of them, in the order of the blocks."""
-        records = records or []
-        if self.order is None:
-            return values, records
-        restored = np.empty_like(values)
-        for restored_channel, channel in zip(restored, values, strict=True):
-            restored_channel[self.order] = channel
-        return restored, [replace(record, sample=compose(self.order, record.sample)) for record in records]
+
+def restore_order(order: np.ndarray | None, values: Array, records: Sequence[Record]) -> tuple[Array, Sequence[Record]]:
+    """Return `values` ``(3, N)`` of camera samples in an `order`, and `records` of them, in that of the blocks."""
+    if order is None:
+        return values, records
+    restored = np.empty_like(values)
+    for restored_channel, channel in zip(restored, values, strict=True):
+        restored_channel[order] = channel
+    return restored, [replace(record, sample=compose(order, record.sample)) for record in records]
 
 
-class SampleAllocation:
-    """Divides the shading samples of a tile's camera samples between techniques, see `dmis.estimator.allocation`.
+def allocate(
+    batches: Iterable[Sequence[SampleBlock]],
+    shares: Array,
+    pixels: int,
+    settings: Settings,
+    numbers: Numbers,
+    spp: Array | int = 0,
+    begin: Array | int = 0,
+    tilt: Array | None = None,
+    halvings: np.ndarray | None = None,
+) -> Iterator[tuple[Sequence[SampleBlock], CameraSamples]]:
+    """Yield `batches` of a tile with their camera samples, whose shading samples are divided between techniques.
 
     Parameters
     ----------
     shares, tilt
-        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all P pixels are the same; see `CameraSamples`.
-    pixels
-        P, number of pixels of the tile.
+        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all P `pixels` are the same; see `CameraSamples`.
     numbers
         Offsets of roundings, and techniques that are picked at random, come from here.
     spp, begin
@@ -196,73 +204,49 @@ class SampleAllocation:
     halvings
         Of each light, ``(L + 1, P)``, see `dmis.estimator.patterns.PatternMap`; None: all samples sample all lights.
     """
-
-    def __init__(
-        self,
-        shares: Array,
-        pixels: int,
-        settings: Settings,
-        numbers: Numbers,
-        spp: Array | int = 0,
-        begin: Array | int = 0,
-        tilt: Array | None = None,
-        halvings: np.ndarray | None = None,
-    ) -> None:
-        self._shares, self._tilt = shares, tilt
-        self._spp, self._begin = np.broadcast_to(spp, pixels), np.broadcast_to(begin, pixels)
-        self._halvings = halvings
-        self._settings, self._numbers = settings, numbers
-        self._offset = numbers.rounding_offsets(len(shares) - 1, pixels)
-        self._counts = whole_counts(shares, settings.shading_samples, settings.allocation == "random")
-        if self._counts is None:
-            counts = settings.shading_samples * shares.astype(float)
-            self._keeps_order = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
-
-    def camera_samples(self, blocks: Sequence[SampleBlock]) -> CameraSamples:
-        """Return the camera samples of `blocks` in the order of their counts for the first technique, descending."""
+    spp, begin = np.broadcast_to(spp, pixels), np.broadcast_to(begin, pixels)
+    s, random = settings.shading_samples, settings.allocation == "random"
+    offset = numbers.rounding_offsets(len(shares) - 1, pixels)
+    whole = whole_counts(shares, s, random)
+    rounded = np.abs(s * shares.astype(float) - np.rint(s * shares.astype(float))) >= 1e-5
+    keeps_order = ~rounded.any(axis=0)
+    for blocks in batches:
         pixel = np.concatenate([np.tile(block.pixels, block.count) for block in blocks])
-        numbers = [np.arange(block.first, block.first + block.count).repeat(len(block.pixels)) for block in blocks]
-        number = np.concatenate(numbers) + self._begin.take(pixel)
-        counts: tuple[np.ndarray | int, ...] | None = self._counts
+        of_blocks = [np.arange(block.first, block.first + block.count).repeat(len(block.pixels)) for block in blocks]
+        number = np.concatenate(of_blocks) + begin.take(pixel)
+        counts: tuple[np.ndarray | int, ...] | None = whole
         before: np.ndarray | None = None
         order: np.ndarray | None = None
         if counts is None:
-            divided, before, order = self._divide(pixel, number)
-            counts = tuple(n.take(order) for n in divided)
+            if random:
+                divided = random_counts(shares, numbers.techniques(s, len(pixel)), pixel)
+            else:
+                in_sequence = _sequence_numbers(keeps_order, numbers, pixel, number)
+                divided, before = systematic_counts(shares, s, pixel, in_sequence, offset)
+            first = divided[0]
+            # few different numbers: this takes less time than a stable sort
+            order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
             pixel, number = pixel.take(order), number.take(order)
-            before = None if before is None else before.take(order, axis=1)
+            counts = tuple(n.take(order) for n in divided)
+            kept = before if settings.sampler != "independent" else None
+            before = None if kept is None else kept.take(order, axis=1)
         subsets: LightSubsets | None = None
-        if self._halvings is not None:
+        if halvings is not None:
             from dmis.estimator.patterns import LightSubsets
 
-            within_round = number - self._begin.take(pixel)
-            subsets = LightSubsets(self._halvings.take(pixel, axis=1), within_round, self._spp.take(pixel))
-        shares, tilt = take(self._shares, pixel), take_optional(self._tilt, pixel)
-        return CameraSamples(pixel, number, shares, counts, before, tilt, subsets, order)
+            subsets = LightSubsets(halvings.take(pixel, axis=1), number - begin.take(pixel), spp.take(pixel))
+        of_samples = take(shares, pixel), counts, before, take_optional(tilt, pixel)
+        yield blocks, CameraSamples(pixel, number, *of_samples, subsets, order)
 
-    def _divide(
-        self, pixel: np.ndarray, number: np.ndarray
-    ) -> tuple[tuple[np.ndarray, ...], np.ndarray | None, np.ndarray]:
-        """Return counts, samples before, and the order of N camera samples, see `CameraSamples`."""
-        s, before = self._settings.shading_samples, None
-        if self._settings.allocation == "random":
-            counts = random_counts(self._shares, self._numbers.techniques(s, len(pixel)), pixel)
-        else:
-            in_sequence = self._sequence_numbers(pixel, number)
-            counts, before = systematic_counts(self._shares, s, pixel, in_sequence, self._offset)
-        first = counts[0]
-        # few different numbers: this takes less time than a stable sort
-        order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
-        return counts, None if self._settings.sampler == "independent" else before, order
 
-    def _sequence_numbers(self, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
-        """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.
+def _sequence_numbers(keeps_order: np.ndarray, numbers: Numbers, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.
 
-        In the order of the points, regular counts would alias with the digits of the place in the pixel: at w = 1/2 and
-        S = 1 all light samples would be in one half of it. Pixels whose counts need no rounding keep the order.
-        """
-        in_order = None if self._keeps_order.all() else self._numbers.rounding_order(number)
-        return number if in_order is None else np.where(self._keeps_order.take(pixel, mode="clip"), number, in_order)
+    In the order of the points, regular counts would alias with the digits of the place in the pixel: at w = 1/2 and
+    S = 1 all light samples would be in one half of it. Pixels whose counts need no rounding keep the order.
+    """
+    in_order = None if keeps_order.all() else numbers.rounding_order(number)
+    return number if in_order is None else np.where(keeps_order.take(pixel, mode="clip"), number, in_order)
 
 
 def sample_batches(spp: np.ndarray | int, pixels: np.ndarray, size: int) -> Iterator[list[SampleBlock]]:

@@ -12,7 +12,7 @@ import numpy as np
 from dmis.base.patches import PATCH, by_colour, patch_sum, pixels_apart
 from dmis.base.plugins import checked, guarded, is_shipped
 from dmis.base.vectors import Array, distinct, indices
-from dmis.estimator.allocation import SampleAllocation, SampleBlock, sample_batches, values_of_blocks
+from dmis.estimator.allocation import SampleBlock, allocate, restore_order, sample_batches, values_of_blocks
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import PIXEL_SUMS, Record, Records, Statistic, Wants, wants_of
@@ -175,12 +175,10 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     counting = CountingCaster(caster or scene.intersector, None if statistic is None else statistic.pixel_sums, stop)
     for pixels, spp, shares, settings in tile.groups():
         numbers = tile.numbers(settings, scene.camera.resolution[0], rng)
-        allocation = SampleAllocation(
-            shares, tile.pixels, settings, numbers, round_.spp, round_.begin, round_.tilt, round_.halvings
-        )
-        for blocks in sample_batches(spp, pixels, size):
-            # n_1 of the S shading samples of a camera sample to the first technique, w S on average
-            samples = allocation.camera_samples(blocks)
+        batches = sample_batches(spp, pixels, size)
+        of_round = round_.spp, round_.begin, round_.tilt, round_.halvings
+        # n_1 of the S shading samples of a camera sample to the first technique, w S on average
+        for blocks, samples in allocate(batches, shares, tile.pixels, settings, numbers, *of_round):
             numbers.start(samples.pixel, samples.number)
             rays = _camera_rays(scene, numbers, (x, y), samples.pixel)
             counting.start(samples.pixel)
@@ -194,7 +192,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
             if collector is not None:
                 first = np.broadcast_to(samples.counts[0], len(samples.pixel))
                 collector.add(records or [], samples.pixel, first, shading_samples)
-            values, ordered = samples.restore_order(values, records)
+            values, ordered = restore_order(samples.order, values, records or [])
             if statistic is not None:
                 statistic.add(blocks, values, ordered)
             # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2

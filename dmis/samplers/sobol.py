@@ -20,7 +20,7 @@ Pairs that are added up may share an order: those of all lights and techniques a
 the path goes on from there. Pairs whose numbers meet in one product must not: these are the pairs on one path, one
 after the other. So the order is the number of pairs before, see `order_of`. If each camera sample takes n samples of a
 technique, camera sample i has the n points i n, i n + 1, ... of that technique's sequence. Where n would be a fraction,
-see `dmis.estimator.allocation.SampleAllocation`.
+see `dmis.estimator.allocation.allocate`.
 
 **A shift for each pixel and pair.** The digits of all points of a pixel and pair are XORed with one word (a digit
 shift). It keeps the evenness, makes each point uniform, and pixels and pairs independent of each other. The word is an

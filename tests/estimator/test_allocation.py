@@ -7,8 +7,9 @@ from helpers import LEVEL, Z_LIMIT, pixel_shares
 from dmis import Settings
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import (
-    SampleAllocation,
+    allocate,
     random_counts,
+    restore_order,
     sample_batches,
     shares_of,
     systematic_counts,
@@ -43,10 +44,11 @@ def test_batches_have_every_camera_sample_once(spp, size):
         assert numbers[pixel] == list(range(expected))
 
 
-def allocation_of(shares, spp, settings):
+def allocated(batches, shares, spp, settings):
+    """Blocks and camera samples of a tile with the sampler of the settings."""
     rng = np.random.default_rng(2)
     block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
-    return SampleAllocation(shares, PIXELS, settings, Numbers(SAMPLERS[settings.sampler](block), rng))
+    return allocate(batches, shares, PIXELS, settings, Numbers(SAMPLERS[settings.sampler](block), rng))
 
 
 @pytest.mark.parametrize("sampler", ["independent", "sobol"])
@@ -55,14 +57,13 @@ def test_order_of_counts_and_back(allocation, sampler):
     """Counts for the first technique descend, and values and records of the samples return to the blocks' order."""
     shares = pixel_shares(np.random.default_rng(1).random(PIXELS))
     settings = Settings(allocation=allocation, shading_samples=4, sampler=sampler)
-    allocation = allocation_of(shares, UNEVEN, settings)
-    for blocks in sample_batches(UNEVEN, np.arange(PIXELS), 64):
-        samples = allocation.camera_samples(blocks)
+    batches = sample_batches(UNEVEN, np.arange(PIXELS), 64)
+    for blocks, samples in allocated(batches, shares, UNEVEN, settings):
         assert (np.diff(samples.counts[0].astype(int)) <= 0).all() and np.ptp(samples.counts[0]) > 0
         assert (samples.samples_before is None) == (settings.allocation == "random" or sampler == "independent")
         values = np.stack([samples.pixel, samples.number, samples.counts[0]]).astype(np.float32)
         record = Record(0, (0,), 0, np.array([2, 0]), values[:, [2, 0]], values[:2, [2, 0]])
-        restored, (moved,) = samples.restore_order(values, [record])
+        restored, (moved,) = restore_order(samples.order, values, [record])
         pixel, number = in_blocks(blocks)
         np.testing.assert_array_equal(restored[:2], [pixel, number])
         np.testing.assert_array_equal(restored[:, moved.sample], record.value)

@@ -8,7 +8,7 @@ from helpers import LEVEL, pixel_shares
 
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
-from dmis.estimator.allocation import SampleAllocation, sample_batches
+from dmis.estimator.allocation import allocate, sample_batches
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.light.area import DiskLight
@@ -251,9 +251,9 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
     settings = Settings(sampler="sobol", shading_samples=shading_samples)
     source = sampler(pixels)
     shares = pixel_shares(np.full(pixels, w))
-    allocation = SampleAllocation(shares, pixels, settings, Numbers(source, np.random.default_rng(1)))
-    (blocks,) = sample_batches(spp, np.arange(pixels), 10**6)
-    samples = allocation.camera_samples(blocks)
+    batches = sample_batches(spp, np.arange(pixels), 10**6)
+    numbers = Numbers(source, np.random.default_rng(1))
+    ((_, samples),) = allocate(batches, shares, pixels, settings, numbers)
     first, before = np.asarray(samples.counts[0]).astype(int), samples.samples_before
     assert before is not None
     source.start(samples.pixel, samples.number)
