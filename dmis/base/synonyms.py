@@ -48,6 +48,7 @@ PLUGINS = {
     **dict.fromkeys(("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis"), "objectives"),
     "simplex": "simplex",
     "resampled": "resampled",
+    "thesis-by-pilot": "patch_size",
 }
 """Rules and techniques that were part of dmis, and the plug-ins of examples/literature that register them."""
 

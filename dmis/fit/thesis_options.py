@@ -13,8 +13,7 @@ import numpy as np
 from dmis.base.validate import one_of, positive, whole
 from dmis.base.vectors import Array
 from dmis.filter import check_taps
-from dmis.fit.round import Fit
-from dmis.fit.thesis import ThesisRule, parabola_minimum
+from dmis.fit.thesis import ThesisRule
 
 
 @dataclass(frozen=True)
@@ -24,8 +23,7 @@ class Thesis(ThesisRule):
     Parameters
     ----------
     patch
-        Side of a patch in pixels (the thesis tries 4 to 32); ``auto``: the one of 4, 8, 16 and 32 for which the pilot
-        predicts the least variance, see `dmis.fit.patch_size`.
+        Side of a patch in pixels (the thesis tries 4 to 32).
     spp
         Pilot samples at each of the three weights, at least 2 (the thesis: 2 or 4).
     channels
@@ -48,11 +46,10 @@ class Thesis(ThesisRule):
     Notes
     -----
     The maps of its `Fit` are ``status`` (see `dmis.fit.thesis.STATUS`), ``raw`` and ``filtered``, the weights before
-    and after the filter, and ``variances``, those of the pilot, ``(3, rows, columns)``; with ``patch=auto`` also
-    ``sizes``, the sizes and their predicted variances, ``(2, 4)``.
+    and after the filter, and ``variances``, those of the pilot, ``(3, rows, columns)``.
     """
 
-    patch: int | Literal["auto"] = 16  # type: ignore[assignment]
+    patch: int | Literal["auto"] = 16  # type: ignore[assignment]  # auto was one, and is refused with advice
     channels: str = "luminance"
     filter: str = "gaussian"
     no_signal: str = "half"
@@ -63,8 +60,7 @@ class Thesis(ThesisRule):
     weigh: str = ""
 
     def __post_init__(self) -> None:
-        if self.patch != "auto" and not (isinstance(self.patch, int | np.integer) and 1 <= self.patch <= 65535):
-            raise ValueError(f"patch must be 1 to 65535 pixels, or auto; got {self.patch!r}")
+        whole("patch", self.patch, 1, 65535, "in pixels; the plug-in patch_size has thesis-by-pilot, which chooses it")
         whole("spp of the pilot", self.spp, 2, more="because a variance needs two samples")
         one_of("channels", self.channels, ("luminance", "rgb"))
         one_of("filter", self.filter, ("gaussian", "none"))
@@ -75,15 +71,6 @@ class Thesis(ThesisRule):
 
     def grey(self, variance: Array) -> Array:
         return variance.mean(axis=-1) if self.channels == "rgb" else super().grey(variance)
-
-    def fit_variances(self, w: Array, s2: Array, patch: int | str) -> Fit:
-        if not isinstance(patch, str):
-            return super().fit_variances(w, s2, patch)
-        from dmis.fit.patch_size import SIZES, choose_patch
-
-        size, scores = choose_patch(w, s2, lambda y, area: self.smooth(*parabola_minimum(w, y), area))
-        fit = super().fit_variances(w, s2, size)
-        return Fit(fit.weight, {**fit.maps, "sizes": np.stack([SIZES, scores])})
 
     def smooth(self, raw: Array, status: np.ndarray, area: Array) -> Array:
         return raw if self.filter == "none" else super().smooth(raw, status, area)

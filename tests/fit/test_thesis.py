@@ -184,7 +184,7 @@ def test_ragged_patches_may_count_by_their_area() -> None:
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
         ("thesis:channels=rgb,size=3,reuse=no", Thesis(channels="rgb", size=3, reuse=False)),
         ("thesis:reuse=ON", Thesis(reuse=True)),
-        ("thesis:patch=auto,no_signal=skip,ragged=area", Thesis("auto", no_signal="skip", ragged="area")),
+        ("thesis:no_signal=skip,ragged=area", Thesis(no_signal="skip", ragged="area")),
     ],
 )
 def test_rules_by_text(text: str, expected: Rule) -> None:

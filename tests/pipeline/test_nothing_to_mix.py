@@ -22,7 +22,7 @@ MIRROR = box_scene(dmis.mirror(), (SKY,), resolution=(40, 32))
     ("rule", "same"),
     [
         ("thesis", "balance"),
-        ("thesis:patch=auto,reuse=yes", "balance"),
+        ("thesis:patch=8,reuse=yes", "balance"),
         ("thesis:combiner=power,sampler=sobol", "pbrt:sampler=sobol"),
         ("second-moment", "balance"),
         ("second-moment:combiner=optimal", "balance:combiner=optimal"),

@@ -1,6 +1,7 @@
 """Patch size by cross-validation: planted maps of variances, and the mean of the score."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ from helpers import Z_LIMIT, z_score
 
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
-from dmis.fit.patch_size import SIZES, choose_patch
 from dmis.fit.thesis import parabola_minimum
 from dmis.fit.thesis_options import Thesis
 from dmis.variance.moments import Film, Moments
 
+pytestmark = pytest.mark.usefixtures("literature")
+SIZES = (4, 8, 16, 32)
 W = np.array([0.0, 0.5, 1.0])
 
 
@@ -39,27 +41,30 @@ def fit_patches(y: Array, area: Array) -> Array:
 
 @pytest.mark.parametrize("floor", [0.05, 1.0])
 @pytest.mark.parametrize("side", SIZES)
-def test_planted_patterns(side: int, floor: float) -> None:
+def test_planted_patterns(literature: Any, side: int, floor: float) -> None:
     """Squares of a checkerboard are found, from two samples at each share, although the noise is as large as V."""
-    sizes = [choose_patch(W, sampled(parabolas(checkers(side), floor), seed), fit_patches)[0] for seed in range(5)]
+    sizes = [
+        literature.patch_size.choose_patch(W, sampled(parabolas(checkers(side), floor), seed), fit_patches)[0]
+        for seed in range(5)
+    ]
     assert np.mean(np.array(sizes) == side) >= 0.8
 
 
 @pytest.mark.parametrize(("side", "floor", "smallest"), [(16, 0.05, True), (999, 1.0, False)])
-def test_the_filter_is_part_of_the_choice(side: int, floor: float, smallest: bool) -> None:
+def test_the_filter_is_part_of_the_choice(literature: Any, side: int, floor: float, smallest: bool) -> None:
     """With the 5x5 Gaussian, squares of 16 pixels need the smallest patches; a constant map still large ones."""
     sizes = []
     for seed in range(5):
         spread = np.sqrt(sampled(parabolas(checkers(side), floor), seed))[..., None].repeat(3, axis=-1)
         pilot = {w: Film.of(Moments(2, np.ones_like(s), s * s)) for w, s in zip(W, spread, strict=True)}
-        fit = Thesis("auto").fit(pilot)
+        fit = literature.patch_size.ThesisByPilot().fit(pilot)
         chosen = SIZES[int(fit.maps["sizes"][1].argmin())]
         np.testing.assert_array_equal(fit.weight, Thesis(chosen).fit(pilot).weight)
         sizes.append(chosen)
     assert np.mean([size == SIZES[0] if smallest else size > SIZES[1] for size in sizes]) >= 0.8
 
 
-def scores_and_truth(seed: int, fit: Callable[[Array, Array], Array]) -> tuple[Array, Array, Array]:
+def scores_and_truth(choose_patch: Any, seed: int, fit: Callable[[Array, Array], Array]) -> tuple[Array, Array, Array]:
     """The scores of the sizes, the variance that the maps of the folds have, and the score of a fit without folds."""
     minimum = np.random.default_rng(1).uniform(0, 1, (32, 40))
     s2 = sampled(parabolas(minimum, 0.2), seed)
@@ -82,24 +87,29 @@ def scores_and_truth(seed: int, fit: Callable[[Array, Array], Array]) -> tuple[A
     return scores, truth, naive
 
 
-def test_scores_have_the_mean_of_the_true_variance() -> None:
+def test_scores_have_the_mean_of_the_true_variance(literature: Any) -> None:
     """Held out, unbiased by a z-test at every size; a score of the pixels that made the fit is too good."""
-    scores, truth, naive = np.array([scores_and_truth(seed, fit_patches) for seed in range(200)]).swapaxes(0, 1)
+    scores, truth, naive = np.array(
+        [scores_and_truth(literature.patch_size.choose_patch, seed, fit_patches) for seed in range(200)]
+    ).swapaxes(0, 1)
     for k in range(len(SIZES)):
         assert abs(z_score(scores[:, k] - truth[:, k], 0.0)) < Z_LIMIT
     assert z_score(naive[:, 0] - truth[:, 0], 0.0) < -2 * Z_LIMIT
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 50), (33, 17), (128, 5)])
-def test_any_resolution(shape: tuple[int, int]) -> None:
+def test_any_resolution(literature: Any, shape: tuple[int, int]) -> None:
     """Ragged patches, folds without a pixel, black and infinite pixels: a size, finite scores, no warning."""
     variance = parabolas(np.full(shape, 0.3), 0.1)
     variance[:, ::2] = 0
     variance[0, 0, 0] = np.inf
-    size, scores = choose_patch(W, variance, fit_patches)
+    size, scores = literature.patch_size.choose_patch(W, variance, fit_patches)
     assert size in SIZES and np.isfinite(scores).all()
 
 
-def test_black_pilot() -> None:
+def test_black_pilot(literature: Any) -> None:
     """Of equal scores the largest size is taken."""
-    assert choose_patch(W, np.zeros((3, 64, 64)), fit_patches) == (SIZES[-1], pytest.approx(np.zeros(4)))
+    assert literature.patch_size.choose_patch(W, np.zeros((3, 64, 64)), fit_patches) == (
+        SIZES[-1],
+        pytest.approx(np.zeros(4)),
+    )

@@ -1,4 +1,4 @@
-"""Patch size from the pilot itself, by cross-validation between pixels: ``thesis:patch=auto``.
+"""The thesis's rule with a patch size from the pilot itself, by cross-validation between pixels: ``thesis-by-pilot``.
 
 Small patches follow the image, large ones average away the noise of the pilot's variances; the best size differs from
 scene to scene. With the pilot's variances ``s_i^2(p)`` at the shares ``w_i``, each an unbiased estimate from the
@@ -24,20 +24,20 @@ alone is very bad, the parabola dips below V between the pilot's shares, even be
 patches follow a dip that the rule believes in, too, and its value is no variance.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+import dmis
 from dmis.base.patches import patch_spread, patch_sum
-from dmis.base.vectors import Array
+from dmis.fit.thesis import parabola_minimum
+from dmis.fit.thesis_options import Thesis
 
 SIZES = (4, 8, 16, 32)
 """Sides of the patches that are compared, in pixels; multiples of the first."""
 
 
-def choose_patch(w: Array, variance: Array, fit: Callable[[Array, Array], Array]) -> tuple[int, Array]:
+def choose_patch(w, variance, fit):
     """Return the patch size of the least held-out variance, and the score of each size.
 
     Parameters
@@ -73,7 +73,7 @@ def choose_patch(w: Array, variance: Array, fit: Callable[[Array, Array], Array]
     return SIZES[best], scores / variance[0].size
 
 
-def _in_patches(variance: Array, corner: tuple[int, int], size: int) -> tuple[Array, Array]:
+def _in_patches(variance, corner, size):
     """Return sums over patches of the variances of one fold of pixels, ``(n, rows, columns)``, and numbers of pixels.
 
     The fold is every second row and column from `corner` on.
@@ -83,7 +83,7 @@ def _in_patches(variance: Array, corner: tuple[int, int], size: int) -> tuple[Ar
     return patch_sum(np.where(np.isfinite(variance), variance, 0) * inside, size), patch_sum(inside, size)
 
 
-def _parabola_basis(w: Array, share: Array) -> Array:
+def _parabola_basis(w, share):
     """Return ``l_i`` at `share` ``(rows, columns)``, ``(n, rows, columns)``: of the least-squares parabola in the y_i.
 
     Of three shares it is the parabola through the points, and l_i is Lagrange's polynomial.
@@ -91,3 +91,20 @@ def _parabola_basis(w: Array, share: Array) -> Array:
     # coefficients = pinv(w_i^j) y,  V^(w) = sum_j w^j coefficients_j
     coefficients = np.linalg.pinv(np.vander(w, 3))
     return np.tensordot(coefficients, np.stack([share**2, share, np.ones_like(share)]), axes=(0, 0))
+
+
+@dataclass(frozen=True)
+class ThesisByPilot(Thesis):
+    """Choose weights by the thesis's parabolas, with patches of the side among `SIZES` that the pilot predicts best.
+
+    Options are those of `dmis.fit.thesis_options.Thesis`, but that `patch` does not count. Its map ``sizes`` has the
+    sizes and their predicted variances, ``(2, 4)``.
+    """
+
+    def fit_variances(self, w, s2, patch):
+        size, scores = choose_patch(w, s2, lambda y, area: self.smooth(*parabola_minimum(w, y), area))
+        fit = super().fit_variances(w, s2, size)
+        return dmis.Fit(fit.weight, {**fit.maps, "sizes": np.stack([SIZES, scores])})
+
+
+dmis.register_rule("thesis-by-pilot", ThesisByPilot)
