@@ -101,17 +101,18 @@ class Combiner:
         Weights the samples; variance curves are those of this heuristic.
     is_heuristic
         Whether those variance curves are its own, for any number of techniques; otherwise it needs two.
-    fits_pixels
-        Whether it fits all samples of each light in a pixel, which therefore have one share and known densities.
     share_range
         Least and largest share of the first technique.
+    collector
+        From shares ``(2, P)`` or ``(2, 1)`` and numbers of samples ``(P,)`` makes the sums that correct pixels, of all
+        samples of each light, which therefore have one share and known densities. None: weights are all there is.
     """
 
     name: str
     heuristic: Heuristic = balance
     is_heuristic: bool = True
-    fits_pixels: bool = False
     share_range: tuple[float, float] = (0.0, 1.0)
+    collector: Callable[[Array, Array], Collector] | None = None
 
     def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
         """Return ``W / (w_k p_k)`` of samples of technique k, the factor of f in their estimate, ``(N,)``.
@@ -134,10 +135,6 @@ class Combiner:
                 f"shares of a round must be above 0 where {weight} gives a technique a weight, because its light would "
                 f"be lost; got 0. Give it a least share, such as 0.05, or no weight"
             )
-
-    def collector(self, shares: Array, samples: Array) -> Collector | None:
-        """Return sums that correct pixels, see `dmis.estimator.optimal_mis.Optimal`; None: weights are all there is."""
-        return None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ This is the direct form, which applies the fit to the samples that it was made o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -95,18 +94,5 @@ def _solve(ll: Array, lb: Array, bb: Array, b: Array) -> tuple[Array, Array]:
     return np.stack([bb * b[0] - lb * b[1], ll * b[1] - lb * b[0]]) / np.where(good, determinant, 1), good
 
 
-@dataclass(frozen=True)
-class OptimalMIS(Combiner):
-    """Balance, and a correction of each pixel by the optimal weights."""
-
-    name: str = "optimal"
-    is_heuristic: bool = False
-    fits_pixels: bool = True
-
-    def collector(self, shares: Array, samples: Array) -> Optimal:
-        """Return the sums of the direct form."""
-        return Optimal(shares, samples)
-
-
-OPTIMAL = OptimalMIS()
-"""The combiner ``optimal``."""
+OPTIMAL = Combiner("optimal", is_heuristic=False, collector=Optimal)
+"""Balance, and a correction of each pixel by the optimal weights."""

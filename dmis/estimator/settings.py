@@ -342,7 +342,7 @@ class Settings:
 def check_mixture(combiner: str, techniques: Sequence[Technique], lights: str = "all") -> None:
     """Raise a ValueError unless a combiner goes with the techniques: their number, their pdfs, and lights sampled."""
     checked = combiner_by_name(combiner)
-    if checked.fits_pixels and lights in ("one", "pbrt"):
+    if checked.collector and lights in ("one", "pbrt"):
         raise ValueError(
             f"combiner {combiner} cannot have lights {lights}, because its fit is over all samples of each light. Use "
             f"lights all or power"
@@ -351,7 +351,7 @@ def check_mixture(combiner: str, techniques: Sequence[Technique], lights: str = 
         names = ", ".join(technique.name for technique in techniques)
         raise ValueError(f"combiner {combiner} needs two techniques; got {len(techniques)}: {names}")
     without = [repr(technique.name) for technique in techniques if not technique.exact]
-    if checked.fits_pixels and without:
+    if checked.collector and without:
         raise ValueError(
             f"combiner {combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use combiner "
             f"balance or power"

@@ -106,8 +106,6 @@ def make_rule(rule: Rule | str) -> Rule:
     if not isinstance(rule, str):
         return _check_object(rule)
     name, _, rest = rule.strip().partition(":")
-    if name == "simplex" and "=" in rest and rest.partition("=")[0] in TECHNIQUES:
-        raise ValueError(f"shares of techniques are given by the rule fixed; got {rule!r}. Write fixed:{rest}")
     if name not in RULES:
         raise _no_such_rule(name)
     options = _read_options(name, rest) if rest else {}

@@ -122,7 +122,7 @@ class _Gathering(Rule):
             "light need rounds without a statistic (reuse_pilot=False)": round_.statistic is not None,
             "light need rounds that go on from no earlier one": round_.before is not None,
             f"light need rounds of the settings' techniques, {', '.join(self.techniques)}": names != self.techniques,
-            "light need a combiner that only weighs samples, such as balance": combiner.fits_pixels,
+            "light need a combiner that only weighs samples, such as balance": combiner.collector is not None,
             "unweighted light need fixed shares, such as those of balance": self.unweighted and learned,
         }
         got = f"combiner {combiner.name}, techniques {', '.join(names)}, rule {self.rule!r}"

@@ -171,7 +171,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     in_blocks = round_.halvings is not None or is_sequence(round_.settings.sampler)
     moments = SubBlocks(round_.spp, tile.pixels) if in_blocks else PixelMoments(tile.pixels)
     techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
-    collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))
+    collector = None
+    if combiner.collector is not None:
+        collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))
     counting = CountingCaster(caster or scene.intersector, None if statistic is None else statistic.pixel_sums, stop)
     for pixels, spp, shares, settings in tile.groups():
         numbers = tile.numbers(settings, scene.camera.resolution[0], rng)

@@ -201,7 +201,6 @@ def test_techniques_are_left_out_where_that_suits_the_image(simplex: Any) -> Non
         ("simplex:light", "mix must be two or more different techniques"),
         ("simplex:light+dark", "technique must be one of .*; got 'dark'"),
         ("simplex:light+brdf+uniform+resampled", "even multiple of 4, the number of techniques, .* 8; got 6"),
-        ("simplex:light=0.5,brdf=0.5", "given by the rule fixed; .* Write fixed:light=0.5,brdf=0.5"),
     ],
 )
 def test_texts(simplex: Any, text: str, message: str) -> None:
