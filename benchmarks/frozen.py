@@ -64,10 +64,8 @@ def configurations() -> dict[str, dict[str, Any]]:
         add("tt", "balance", integrator="direct", sampler=sampler)
         add("teapot-area-light", "auto", integrator="direct", sampler=sampler)
         add("cornell", "second-moment", integrator="path", sampler=sampler)
-    for combiner in ("maximum", "cutoff", "frozen", "optimal"):
+    for combiner in ("maximum", "cutoff", "optimal"):
         add("killeroo-gold", f"fixed:0.4,combiner={combiner}", integrator="direct")
-    for combiner in ("frozen",):
-        add("teapot-area-light", f"second-moment:combiner={combiner}", integrator="direct")
     add("tt", "balance", integrator="path", max_depth=3)
     add("tt", "balance", integrator="path", max_depth=None)
     add("killeroo-gold", "thesis", integrator="path", lights="one")

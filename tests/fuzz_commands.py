@@ -17,7 +17,7 @@ def rule_text(rng: random.Random) -> str:
     keys = ["patch", "spp", "filter", "size", "sigma", "reuse", "combiner", "sampler"]
     keys += ["guard", "gamma", "cost", "w", "techniques", "objective", "channels"]
     words = ["gaussian", "none", "joint", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
-    words += ["balance+power", "cutoff", "maximum", "frozen", "stratified", "random"]
+    words += ["balance+power", "cutoff", "maximum", "stratified", "random"]
     options = []
     for _ in range(rng.randint(0, 3)):
         value = rng.choice(AMOUNTS) if rng.random() < 0.6 else rng.choice(words)

@@ -149,7 +149,7 @@ def test_a_heuristic_that_is_defined_anew_is_not_remembered() -> None:
         (("light", "light"), {}, "techniques of a round must be two or more different ones; got light, light"),
         (("light", "glow"), {}, "technique must be one of light, brdf"),
         ("light", {}, "must be a tuple of names and dmis.Techniques; got 'light'"),
-        (("light", "brdf", "uniform"), {"combiner": "frozen"}, "combiner frozen needs two techniques; got 3"),
+        (("light", "brdf", "uniform"), {"combiner": "optimal"}, "combiner optimal needs two techniques; got 3"),
         (
             ("light", replace(TECHNIQUES["brdf"], name="mine", rays="guide")),
             {},

@@ -310,7 +310,6 @@ def test_what_cannot_be_called_is_named() -> None:
     ("changes", "message"),
     [
         ({"tilt": np.array([0.5, 0.5])}, "the tilt gives a technique a weight"),
-        ({"settings": dmis.Settings(combiner="frozen")}, "combiner frozen gives a technique a weight"),
         ({"tilt": np.array([0.0, 1.0])}, ""),
         ({}, ""),
     ],

@@ -44,6 +44,10 @@ KEYWORDS = {
     "workers": "parallel=",
 }
 """Arguments of `render` and `compare` that they do not have, and what to write."""
+COMBINERS = {
+    "frozen": "a rule whose final round has tilt=(0.5, 0.5), by dataclasses.replace: weights of equal counts at any share",
+}
+"""Combiners that dmis does not have any more, and what to write."""
 PLUGINS = {
     **dict.fromkeys(("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis"), "objectives"),
     "simplex": "simplex",

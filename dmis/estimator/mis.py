@@ -5,7 +5,7 @@ sample of technique k: the factor that multiplies ``f`` in its estimate. With th
 ``1 / sum a_j``, the reciprocal of the mixture density. Source: Veach and Guibas 1995; Veach 1997, chapter 9.
 
 A combiner makes one estimate of the shading samples of all techniques. It gives each sample its weight
-(`Combiner.weight`); that is all of it for heuristics and for frozen weights. One that needs all samples of a pixel
+(`Combiner.weight`); that is all of it for heuristics. One that needs all samples of a pixel
 observes their records and corrects the pixel afterwards (`Combiner.collector`). What a combiner needs of the settings
 is in its attributes, so that no other module depends on its name.
 """
@@ -99,19 +99,14 @@ class Combiner:
         Its name in options and tables.
     heuristic
         Weights the samples; variance curves are those of this heuristic.
-    is_heuristic
-        Whether those variance curves are its own, for any number of techniques; otherwise it needs two.
-    share_range
-        Least and largest share of the first technique.
     collector
         From shares ``(2, P)`` or ``(2, 1)`` and numbers of samples ``(P,)`` makes the sums that correct pixels, of all
-        samples of each light, which therefore have one share and known densities. None: weights are all there is.
+        samples of each light, which therefore have one share and known densities, of two techniques. None: it is a
+        heuristic, whose weights are all there is.
     """
 
     name: str
     heuristic: Heuristic = balance
-    is_heuristic: bool = True
-    share_range: tuple[float, float] = (0.0, 1.0)
     collector: Callable[[Array, Array], Collector] | None = None
 
     def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
@@ -126,38 +121,6 @@ class Combiner:
         """
         return self.heuristic([w * p for w, p in zip(shares, pdf, strict=True)], k)
 
-    def check_lost(self, shares: Array, tilt: Array | None) -> None:
-        """Raise a ValueError where a technique has a weight, its tilt ``(K, ...)``, and a share of 0 ``(K, ...)``."""
-        weighted = self.share_range[0] > 0 if tilt is None else tilt.reshape(len(tilt), -1) > 0
-        if ((shares.reshape(len(shares), -1) <= 0) & weighted).any():
-            weight = f"combiner {self.name}" if tilt is None else "the tilt"
-            raise ValueError(
-                f"shares of a round must be above 0 where {weight} gives a technique a weight, because its light would "
-                f"be lost; got 0. Give it a least share, such as 0.05, or no weight"
-            )
-
-
-@dataclass(frozen=True)
-class Frozen(Combiner):
-    """Weights of equal counts, whatever the shares: ``W = p_k / (p_l + p_b)``.
-
-    A sample's estimate is ``W f / (w_k p_k)``, which is balance at the densities ``w_k p_l`` and ``w_k p_b``. With n
-    samples in fixed shares its variance is ``(s_l^2 / w + s_b^2 / (1 - w)) / n``, s being standard deviations of
-    ``W f / p_k``: least, ``(s_l + s_b)^2 / n``, at Neyman's allocation ``w = s_l / (s_l + s_b)``, and there never more
-    than at equal counts. Sources: Sbert, Havran and Szirmay-Kalos 2016, whose estimator this is with the rule
-    ``neyman``; Neyman 1934. Needs no statistics, costs nothing. Known failures: where a share is 0 a part of f is
-    missing, a bias (hence `share_range`); rules that learn w for balance, such as ``second-moment``, minimise another
-    variance.
-    """
-
-    name: str = "frozen"
-    is_heuristic: bool = False
-    share_range: tuple[float, float] = (0.05, 0.95)
-
-    def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
-        """See `Combiner.weight`; the share of technique k stands for all, so that it cancels in W."""
-        return super().weight([shares[k]] * len(shares), pdf, k)
-
 
 FAMILIES: dict[str, tuple[Callable[[float], Heuristic], float]] = {"power": (power, 2.0), "cutoff": (cutoff, 0.1)}
 """Heuristics of a parameter, by name, and its default."""
@@ -166,7 +129,6 @@ COMBINERS: Registry[Combiner] = Registry(
     {
         "balance": Combiner("balance"),
         "maximum": Combiner("maximum", maximum),
-        "frozen": Frozen(),
         "optimal": Later("dmis.estimator.optimal_mis", "OPTIMAL"),
     },
     reserved=dict.fromkeys(FAMILIES, "dmis has it for heuristics of a parameter"),
@@ -230,5 +192,8 @@ def combiner_by_name(name: str) -> Combiner:
         heuristic, default = FAMILIES[kind]
         parameter = float(text) if dash else default
     except (KeyError, ValueError):
-        raise COMBINERS.unknown(name, ", power[-EXPONENT], cutoff[-THRESHOLD]") from None
+        from dmis.base.synonyms import COMBINERS as OLD
+        from dmis.base.synonyms import advice
+
+        raise COMBINERS.unknown(name, ", power[-EXPONENT], cutoff[-THRESHOLD]", advice(name, OLD, COMBINERS)) from None
     return Combiner(name, heuristic(parameter))

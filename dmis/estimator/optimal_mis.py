@@ -94,5 +94,5 @@ def _solve(ll: Array, lb: Array, bb: Array, b: Array) -> tuple[Array, Array]:
     return np.stack([bb * b[0] - lb * b[1], ll * b[1] - lb * b[0]]) / np.where(good, determinant, 1), good
 
 
-OPTIMAL = Combiner("optimal", is_heuristic=False, collector=Optimal)
+OPTIMAL = Combiner("optimal", collector=Optimal)
 """Balance, and a correction of each pixel by the optimal weights."""

@@ -272,7 +272,7 @@ class Settings:
             value = check(name, given[name]) if name in given else not_given(values.get(name, option.default))
             object.__setattr__(self, name, value)
         techniques = tuple(map(technique_by_name, self.techniques))
-        if not combiner_by_name(self.combiner).is_heuristic:
+        if combiner_by_name(self.combiner).collector:
             check_mixture(self.combiner, techniques, self.lights)
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
@@ -347,7 +347,7 @@ def check_mixture(combiner: str, techniques: Sequence[Technique], lights: str = 
             f"combiner {combiner} cannot have lights {lights}, because its fit is over all samples of each light. Use "
             f"lights all or power"
         )
-    if len(techniques) > 2 and not checked.is_heuristic:
+    if checked.collector and len(techniques) > 2:
         names = ", ".join(technique.name for technique in techniques)
         raise ValueError(f"combiner {combiner} needs two techniques; got {len(techniques)}: {names}")
     without = [repr(technique.name) for technique in techniques if not technique.exact]

@@ -97,7 +97,7 @@ class Auto(Rule):
             number("exponent", self.exponent, 1, 3, "or 0 to choose it")
         number("guard", self.guard, 0, more="in standard errors")
         one_of("error", self.error, ("absolute", "relative"))
-        if self.combiner is not None and not combiner_by_name(self.combiner).is_heuristic:
+        if self.combiner is not None and combiner_by_name(self.combiner).collector:
             raise ValueError(
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
                 f"got {self.combiner!r}. Use second-moment:combiner={self.combiner}"

@@ -10,8 +10,6 @@ import numpy as np
 
 from dmis.base.validate import number
 from dmis.base.vectors import Array
-from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.settings import DEFAULTS
 from dmis.fit.round import Fit, Weight
 from dmis.fit.rule import Rule
 from dmis.variance.moments import Film
@@ -53,9 +51,7 @@ class Fixed(Rule):
                     f"{' + '.join(f'{share:g}' for share in self.w)} = {sum(self.w):g}"
                 )
             return
-        combiner = self.combiner or DEFAULTS["combiner"]
-        share_range = combiner_by_name(combiner).share_range
-        number("w", self.w, *share_range, f"the share of light samples, with combiner {combiner}")
+        number("w", self.w, 0, 1, "the share of light samples")
 
     @property
     def multi_technique(self) -> bool:

@@ -16,7 +16,6 @@ import numpy as np
 from dmis.base.validate import one_of
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Statistic, wants_of
 from dmis.estimator.settings import Settings, check_mixture
 from dmis.estimator.technique import Technique, check_technique_form, technique_by_name
@@ -119,13 +118,16 @@ class Round:
                 f"spp of a round with an image_weight must be at least 1, because every pixel of the image needs "
                 f"samples; got {np.min(self.spp)}"
             )
-        tilt, combiner = None, combiner_by_name(settings.combiner)
+        tilt = None
         if self.tilt is not None:
             check_weigh("heuristic", settings.combiner)
             tilt = _checked_shares("tilt of a round", self.tilt, k, shape)
-        if tilt is not None or combiner.share_range[0] > 0:
             taken = shares if self.patterns is None else self.patterns.shading_samples(np.ones(shape, int))
-            combiner.check_lost(taken, tilt)
+            if ((taken.reshape(k, -1) <= 0) & (tilt.reshape(k, -1) > 0)).any():
+                raise ValueError(
+                    "shares of a round must be above 0 where the tilt gives a technique a weight, because its light "
+                    "would be lost; got 0. Give it a least share, such as 0.05, or no weight"
+                )
         return replace(self, **numbers, shares=shares, tilt=tilt, settings=settings)
 
     def _check_statistic(self) -> None:
@@ -277,9 +279,6 @@ class Budget:
         if not 0 <= spent < self.spp:
             raise ValueError(f"spent must be from 0 to {self.spp - 1}, so that a final pass is left; got {spent}")
         shares, spp = shares_of(fit.weight), self.spp - spent
-        share_range = combiner_by_name(self.settings.combiner).share_range
-        if share_range != (0, 1):
-            shares = shares_of(np.clip(shares[0], *share_range))
         samples: Array | int = spp
         if fit.samples is not None:
             samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))

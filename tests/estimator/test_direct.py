@@ -97,8 +97,6 @@ WAYS = {
     "power 1/4": {"combiner": "power", "w": 0.25},
     "maximum": {"combiner": "maximum"},
     "cutoff": {"combiner": "cutoff-0.3"},
-    "frozen 1/4": {"combiner": "frozen", "w": 0.25},
-    "frozen 0.9, three samples": {"combiner": "frozen", "w": 0.9, "shading_samples": 3},
     "one light": {"lights": "one"},
     "stratified": {"sampler": "stratified", "w": 0.25},
     "sobol": {"sampler": "sobol", "w": 0.25},

@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, pixel_shares, z_score
+from helpers import pixel_shares
 
-import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.mis import balance, combiner_by_name, cutoff, maximum, power
-from dmis.fit.registry import make_rule
 
 HEURISTICS = [
     "balance",
-    "frozen",
     "power",
     "power-1",
     "power-3",
@@ -54,7 +51,7 @@ def test_vanishing_densities_are_finite(name: str) -> None:
             assert np.isfinite(combiner_by_name(name).heuristic((np.float32([a]), np.float32([b])), own)).all()
 
 
-@pytest.mark.parametrize("name", [name for name in HEURISTICS if name != "frozen"])
+@each_heuristic
 @pytest.mark.parametrize("techniques", [3, 4])
 def test_weights_of_several_techniques_sum_to_one(name: str, techniques: int) -> None:
     """A partition of unity over twelve magnitudes, with ties of two and of all, and with densities of 0; and with a
@@ -93,45 +90,7 @@ def test_limits() -> None:
             np.testing.assert_allclose(power(beta)((a, b), k), maximum((a, b), k), rtol=1e-6, atol=1e-9)
 
 
-# Frozen weights -----------------------------------------------------------------------------------------------------
-
-
-def estimates(combiner: str, w: float, side: int, p_own: Array, p_other: Array) -> Array:
-    """The factor of f in the estimate of a sample, as the estimator makes it."""
-    pdf = (p_own, p_other) if side == 0 else (p_other, p_own)
-    return combiner_by_name(combiner).weight(np.array([[w], [1 - w]]), pdf, side)
-
-
-@pytest.mark.parametrize("w", [0.05, 0.3, 0.5, 0.95])
-def test_frozen_weights_are_those_of_equal_counts(w: float) -> None:
-    """``share p_own`` times the factor is ``p_own / (p_own + p_other)`` at every w, and the two weights sum to 1.
-
-    At w = 1/2 that is balance.
-    """
-    light, brdf = 10 ** np.random.default_rng(1).uniform(-6, 6, (2, 1000))
-    first = w * light * estimates("frozen", w, 0, light, brdf)
-    second = (1 - w) * brdf * estimates("frozen", w, 1, brdf, light)
-    np.testing.assert_allclose(first, light / (light + brdf))
-    np.testing.assert_allclose(first + second, 1)
-    if w == 0.5:
-        np.testing.assert_allclose(first, w * light * estimates("balance", w, 0, light, brdf))
-
-
-@pytest.mark.parametrize("rule", ["fixed:w=0,combiner=frozen", "fixed:w=1,combiner=frozen", "uniform:combiner=frozen"])
-def test_frozen_needs_both_techniques(rule: str) -> None:
-    """One technique alone would miss the other's part of f."""
-    with pytest.raises(ValueError, match=r"w must be a number from 0\.05 to 0\.95, .* with combiner frozen"):
-        make_rule(rule)
-
-
-def test_frozen_renders(box: dmis.Scene) -> None:
-    """Learned weights are clipped, and the mean of the image is that of balance, by a z-test over seeds."""
-    rule = "second-moment:cost=no,combiner=frozen"
-    results = [dmis.render(box, rule, 24, seed=s, parallel=1) for s in range(24)]
-    assert max(r.maps["patch"].max() for r in results) == 1
-    assert max(r.weight.max() for r in results) == np.float32(0.95)
-    balanced = [dmis.render(box, "balance", 96, seed=s, parallel=1).image.mean() for s in range(100, 124)]
-    assert abs(z_score([r.image.mean() for r in results], balanced)) < Z_LIMIT
+# Combiners ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -139,15 +98,13 @@ def test_frozen_renders(box: dmis.Scene) -> None:
     [
         *((name, "combiner must be") for name in ("", "balance-2", "power-x")),
         *((f"power-{beta}", "exponent of the power heuristic must be positive and finite") for beta in ("inf", -1)),
+        ("frozen", r"got 'frozen': write a rule whose final round has tilt=\(0.5, 0.5\)"),
         ("cutoff-2", "threshold of the cutoff heuristic must be a number from 0 to 1"),
     ],
 )
 def test_unknown_heuristics(name: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         combiner_by_name(name)
-
-
-# Combiners ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", [*HEURISTICS, "optimal"])
@@ -158,12 +115,12 @@ def test_every_combiner_weighs_all_of_f(name: str, w: float) -> None:
     combiner = combiner_by_name(name)
     assert combiner.name == name
     total = sum(
-        share * pdf[k] * combiner.weight(np.array([[w], [1 - w]]), pdf, k) for k, share in enumerate((w, 1 - w))
+        share * pdf[k] * combiner.heuristic([w * pdf[0], (1 - w) * pdf[1]], k) for k, share in enumerate((w, 1 - w))
     )
     np.testing.assert_allclose(total, 1, rtol=1e-6)
 
 
-@pytest.mark.parametrize("name, corrects", [("balance", False), ("frozen", False), ("optimal", True)])
+@pytest.mark.parametrize("name, corrects", [("balance", False), ("optimal", True)])
 def test_combiners_that_correct_pixels(name: str, corrects: bool) -> None:
     """Only combiners that fit pixels collect records; what they add to pixels without samples is 0."""
     combiner = combiner_by_name(name)

@@ -26,7 +26,7 @@ MIRROR = box_scene(dmis.mirror(), (SKY,), resolution=(40, 32))
         ("thesis:combiner=power,sampler=sobol", "pbrt:sampler=sobol"),
         ("second-moment", "balance"),
         ("second-moment:combiner=optimal", "balance:combiner=optimal"),
-        ("second-moment:combiner=frozen", "balance:combiner=frozen"),
+        ("second-moment:combiner=maximum", "balance:combiner=maximum"),
     ],
 )
 def test_images_are_those_of_equal_shares(scene: dmis.Scene, rule: str, same: str) -> None:
