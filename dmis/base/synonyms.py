@@ -45,7 +45,7 @@ KEYWORDS = {
 }
 """Arguments of `render` and `compare` that they do not have, and what to write."""
 COMBINERS = {
-    "frozen": "a rule whose final round has tilt=(0.5, 0.5), by dataclasses.replace: weights of equal counts at any share",
+    "frozen": "a rule whose final round has tilt=(0.5, 0.5), which are weights of equal counts at any share",
 }
 """Combiners that dmis does not have any more, and what to write."""
 PLUGINS = {

@@ -10,9 +10,9 @@
 ``emission``, ``light``, ``light:NUMBER``
     What no technique estimates, emission that is seen and delta lights; light of each sampled light, or of one. They
     sum to the image.
-``technique``, ``unweighted``
-    What the samples of each technique add, ``W f / (w_k p_k)``, which with ``emission`` sum to the image; and what they
-    would estimate alone, ``f / p_k`` (Veach 1997, Figure 9.2, has such plates).
+``technique``
+    What the samples of each technique add, ``W f / (w_k p_k)``, which with ``emission`` sum to the image. What they
+    estimate alone, ``f / p_k``, is rendered by ``fixed:1`` and ``fixed:0`` (Veach 1997, Figure 9.2, has both).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 
 from dmis.base.patches import pixels_together
 from dmis.base.validate import did_you_mean
-from dmis.base.vectors import TINY, Array
+from dmis.base.vectors import Array
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Record, Wants
 from dmis.fit.round import Budget, Round
@@ -34,7 +34,7 @@ from dmis.pipeline.job import Job
 from dmis.scene.feature_buffers import SURFACE_LAYERS, render_surface_layers
 from dmis.variance.moments import Film
 
-OF_LIGHT = ("direct", "indirect", "emission", "light", "technique", "unweighted")
+OF_LIGHT = ("direct", "indirect", "emission", "light", "technique")
 """Layers of light, beside ``light:NUMBER``."""
 
 
@@ -48,6 +48,8 @@ def with_layers(job: Job, names: Sequence[str]) -> Job:
     lights = [type(light).__name__ for light in plan.sampled_lights(settings.lights, settings.sky_compensation)]
     known = [*SURFACE_LAYERS, *OF_LIGHT, *(f"light:{number}" for number in range(len(lights)))]
     for name in names:
+        if name == "unweighted":
+            raise ValueError("layer unweighted is rendered by rule fixed:1 for light, fixed:0 for BRDF samples")
         if name not in known:
             numbered = (f"light:{number} ({light})" for number, light in enumerate(lights))
             allowed = ", ".join((*SURFACE_LAYERS, *OF_LIGHT, *numbered))
@@ -67,7 +69,7 @@ def with_layers(job: Job, names: Sequence[str]) -> Job:
         )
     if paths and plan.selects_deeper(settings.lights) and any(name.startswith("light") for name in of_light):
         raise ValueError("layers of lights by paths need samples of each, but a tree selects one; set lights=all")
-    parts = {"light": range(len(lights)), "technique": settings.techniques, "unweighted": settings.techniques}
+    parts = {"light": range(len(lights)), "technique": settings.techniques}
     files = [f"{name}.{of}" for name in parts.keys() & of_light for of in parts[name]]
     files += [name.replace(":", ".") for name in of_light - parts.keys()]
     rule = _Gathering(job.rule, tuple(sorted(files)), len(lights) + len(plan.deltas), settings.techniques)
@@ -91,11 +93,6 @@ class _Gathering(Rule):
         return {name: np.moveaxis(image, 0, -1).astype(np.float32) for name, image in images.items()}
 
     @property
-    def unweighted(self) -> bool:
-        """Whether what techniques estimate alone is gathered."""
-        return any(name.startswith("unweighted") for name in self.layers)
-
-    @property
     def weigh(self) -> str:
         return self.rule.weigh
 
@@ -116,21 +113,18 @@ class _Gathering(Rule):
         """
         combiner, names = combiner_by_name(round_.settings.combiner), tuple(t.name for t in round_.mixture)
         uneven = round_.patterns is not None or np.ndim(round_.spp) > 0
-        learned = np.ndim(round_.shares) > 1 or round_.tilt is not None
         violated = {
-            "light need a rule that takes the same number of samples in all pixels, such as balance or thesis": uneven,
-            "light need rounds without a statistic (reuse_pilot=False)": round_.statistic is not None,
-            "light need rounds that go on from no earlier one": round_.before is not None,
-            f"light need rounds of the settings' techniques, {', '.join(self.techniques)}": names != self.techniques,
-            "light need a combiner that only weighs samples, such as balance": combiner.collector is not None,
-            "unweighted light need fixed shares, such as those of balance": self.unweighted and learned,
+            "a rule that takes the same number of samples in all pixels, such as balance or thesis": uneven,
+            "rounds without a statistic (reuse_pilot=False)": round_.statistic is not None,
+            "rounds that go on from no earlier one": round_.before is not None,
+            f"rounds of the settings' techniques, {', '.join(self.techniques)}": names != self.techniques,
+            "a combiner that only weighs samples, such as balance": combiner.collector is not None,
         }
         got = f"combiner {combiner.name}, techniques {', '.join(names)}, rule {self.rule!r}"
         for need, wrong in violated.items():
             if wrong:
-                raise ValueError(f"layers of {need}; got {got}")
-        gather = partial(_LayerSums, rule=self, shares=np.asarray(round_.shares), combiner=combiner.name)
-        return replace(round_, statistic=gather)
+                raise ValueError(f"layers of light need {need}; got {got}")
+        return replace(round_, statistic=partial(_LayerSums, rule=self))
 
 
 class _LayerSums:
@@ -138,9 +132,8 @@ class _LayerSums:
 
     wants = Wants(sums="pixels")
 
-    def __init__(self, pixels: int, shading_samples: int, rule: _Gathering, shares: Array, combiner: str) -> None:
-        self._pixels, self._s = pixels, shading_samples
-        self._rule, self._shares, self._combiner = rule, shares, combiner_by_name(combiner)
+    def __init__(self, pixels: int, shading_samples: int, rule: _Gathering) -> None:
+        self._pixels, self._s, self._rule = pixels, shading_samples, rule
         self._sums = {name: np.zeros((3, pixels)) for name in rule.layers}
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -148,22 +141,12 @@ class _LayerSums:
         pixel, rest = np.arange(radiance.shape[1]) % self._pixels, radiance.astype(np.float64)
         for record in records:
             samples = slice(None) if record.sample is None else record.sample
-            k, value = record.technique_index, record.value.astype(np.float64) / self._s
+            value = record.value.astype(np.float64) / self._s
             rest[:, samples] -= value
-            technique = self._rule.techniques[k]
+            technique = self._rule.techniques[record.technique_index]
             surface = "direct" if len(record.key) == 1 else "indirect"
             for name in (surface, f"light.{record.key[-1] % self._rule.lights}", f"technique.{technique}"):
                 self._put(name, pixel[samples], value)
-            if self._rule.unweighted:
-                # f / p_k over w_k S samples, from W f / (w_k p_k) of S
-                weight = self._combiner.weight(self._shares[:, None], list(record.pdf), k) * record.pdf[k]
-                if not weight[record.pdf[k] > 0].all():
-                    raise ValueError(
-                        f"layer unweighted divides by MIS weights, but those of combiner {self._combiner.name} may "
-                        f"be 0. Set combiner=balance"
-                    )
-                weight = np.maximum(weight, TINY) * self._shares[k]
-                self._put(f"unweighted.{technique}", pixel[samples], value / weight)
         rest[np.abs(rest) < 1e-6 * radiance] = 0  # rounding errors
         for name in ("direct", "emission"):
             self._put(name, pixel, rest)

@@ -37,7 +37,7 @@ def total(layers: dict[str, np.ndarray], *names: str) -> np.ndarray:
         ("cornell", "thesis", {"integrator": "path", "reuse_pilot": True}),
         ("veach-mis", "pbrt", {}),
         ("tt", "second-moment", {"sampler": "independent", "reuse_pilot": False}),
-        ("cornell", "fixed:0.3", {"integrator": "direct"}),
+        ("cornell", "fixed:0.25", {"integrator": "direct"}),
     ],
 )
 def test_layers_sum_to_the_image(name: str, rule: str, options: dict[str, object]) -> None:
@@ -138,17 +138,6 @@ def test_lamps_by_paths() -> None:
         assert layers[f"light.{number}"].mean() == pytest.approx(alone.image.mean(), rel=0.03)
 
 
-@pytest.mark.parametrize("rule", ["balance", "fixed:0.25", "pbrt"])
-def test_techniques_alone(rule: str) -> None:
-    """Unweighted samples of either technique have the mean of the image, whatever share and heuristic."""
-    scene = box_scene(dmis.plastic(0.3, 0.4, 0.2), resolution=(16, 16))
-    result = dmis.render(scene, rule, 256, layers=["technique", "unweighted"], seed=1)
-    mean = result.image.mean()
-    assert result.layers["unweighted.light"].mean() == pytest.approx(mean, rel=0.01)
-    assert result.layers["unweighted.brdf"].mean() == pytest.approx(mean, rel=0.02)
-    np.testing.assert_allclose(total(result.layers, "technique"), result.image, rtol=1e-4)
-
-
 @dataclass(frozen=True)
 class TwoRounds(dmis.Rule):
     """Half of the samples as usual, and half in a round of which other fields are made from the film."""
@@ -168,14 +157,13 @@ THREE = TwoRounds(lambda film: {"techniques": ("light", "uniform", "brdf"), "sha
 
 @pytest.mark.parametrize(("layers", "options", "message"), [
     (["albdo"], {}, r"layers must be of albedo, .*light:0 \(QuadLight\); got 'albdo'.*albedo"),
+    (["unweighted"], {}, "rendered by rule fixed:1 for light, fixed:0 for BRDF"),
     (["direct"], {"rule": "auto"}, "same number of samples in all pixels"),
-    (["unweighted"], {"rule": "thesis"}, "layers of unweighted light need fixed shares"),
     (["direct"], {"rule": "balance", "noise": 0.5}, "without noise or seconds"),
     (["direct"], {"rule": "fixed:0.5", "combiner": "optimal"}, "combiner that only weighs.*got combiner optimal"),
     (["direct"], {"rule": GOES_ON}, "go on from no earlier one"),
     (["technique"], {"rule": UNIFORM}, "techniques, light, brdf; got .* techniques uniform, brdf"),
     (["technique"], {"rule": THREE}, "got .* techniques light, uniform, brdf"),
-    (["unweighted"], {"rule": "fixed:0.5", "combiner": "cutoff-0.5"}, "those of combiner cutoff-0.5 may be 0"),
 ])  # fmt: skip
 def test_refuses(layers: list[str], options: dict[str, object], message: str) -> None:
     """Names that are none, and rules of other numbers of samples."""
