@@ -25,8 +25,9 @@ def exact(w: float, s: int, combiner: str = "balance") -> tuple[float, float]:
     """By quadrature: the variance of a camera sample with s shading samples, and that of I(y)."""
     x = ((np.arange(20_000) + 0.5) / 20_000)[:, None]
     y = (np.arange(50) + 0.5) / 50
-    densities, shares = (2 * x, 2 * (1 - x)), (w, 1 - w)
-    estimates = [f(x, y) * combiner_by_name(combiner).weight(shares, densities, k) for k in (0, 1)]
+    densities = 2 * x, 2 * (1 - x)
+    effective = w * densities[0], (1 - w) * densities[1]
+    estimates = [f(x, y) * combiner_by_name(combiner).heuristic(effective, k) for k in (0, 1)]
     light, brdf = (np.mean(p * c, axis=0) for p, c in zip(densities, estimates, strict=True))
     second_l, second_b = (np.mean(p * c**2, axis=0) for p, c in zip(densities, estimates, strict=True))
     np.testing.assert_allclose(w * light + (1 - w) * brdf, np.mean(f(x, y), axis=0))  # whatever the combiner

@@ -139,7 +139,7 @@ def test_a_heuristic_that_is_defined_anew_is_not_remembered() -> None:
         names: dict[str, Any] = {"__name__": "cell", "power": mis.power(beta)}
         exec("def mine(a, k):\n    return power(a, k)", names)
         dmis.register_heuristic("mine", names["mine"])
-        weight = mis.combiner_by_name("mine").weight([[0.5], [0.5]], np.float32([[3], [1]]), 0)
+        weight = mis.combiner_by_name("mine").heuristic(np.float32([[1.5], [0.5]]), 0)
         np.testing.assert_allclose(weight * 1.5, 3**beta / (3**beta + 1), rtol=1e-6)
 
 

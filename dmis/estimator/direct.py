@@ -58,7 +58,8 @@ def _add_samples(batch: Batch, draw: Draw, samples: Samples) -> None:
     accepted = pdf[k] > 0  # others count as samples of value 0
 
     # 1 / p_w,  p_w = w p_l + (1 - w) p_b   (Veach 1997, Eq. 9.8);  of other heuristics  W / (w_k p_k)
-    over_p_w = batch.combiner.weight(shares if tilt is None else tilt, pdf, k)
+    effective = [w * p for w, p in zip(shares if tilt is None else tilt, pdf, strict=True)]
+    over_p_w = batch.combiner.heuristic(effective, k)
     if tilt is not None:
         # W / (w_k p_k) = (t_k / w_k) / (t_l p_l + t_b p_b),  W of a heuristic with the shares t   (Eq. 8a)
         over_p_w *= tilt[k] / shares[k]

@@ -4,10 +4,9 @@ A heuristic takes the effective densities ``a_j = w_j p_j`` and returns ``W / a_
 sample of technique k: the factor that multiplies ``f`` in its estimate. With the balance heuristic it is
 ``1 / sum a_j``, the reciprocal of the mixture density. Source: Veach and Guibas 1995; Veach 1997, chapter 9.
 
-A combiner makes one estimate of the shading samples of all techniques. It gives each sample its weight
-(`Combiner.weight`); that is all of it for heuristics. One that needs all samples of a pixel
-observes their records and corrects the pixel afterwards (`Combiner.collector`). What a combiner needs of the settings
-is in its attributes, so that no other module depends on its name.
+A combiner makes one estimate of the shading samples of all techniques. A heuristic is all of it, but for one that needs
+all samples of a pixel: that observes their records and corrects the pixel afterwards (`Combiner.collector`). What a
+combiner needs of the settings is in its attributes, so that no other module depends on its name.
 """
 
 from __future__ import annotations
@@ -15,14 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from dmis.base.plugins import Later, Registry, guarded
 from dmis.base.validate import check_array, number, positive
 from dmis.base.vectors import TINY, Array
-from dmis.estimator.records import Record
 
 Heuristic = Callable[[Sequence[Array], int], Array]
 """``(a, k) -> W / a[k]``; k breaks ties, so that the weights of all techniques sum to 1."""
@@ -77,18 +75,6 @@ def _total(a: Iterable[Array]) -> Array:
     return reduce(np.add, a)
 
 
-class Collector(Protocol):
-    """Sums over the shading samples of a tile, from which the means of its pixels are corrected."""
-
-    def add(self, records: Sequence[Record], pixel: Array, first: Array, shading_samples: int) -> None:
-        """Add one block, see `dmis.estimator.optimal_mis.Optimal.add`."""
-        ...
-
-    def correction(self) -> Array:
-        """Return what is added to the mean of each pixel, ``(3, P)``."""
-        ...
-
-
 @dataclass(frozen=True)
 class Combiner:
     """A combiner of MIS samples; with the defaults, a heuristic at the shares that samples were taken with.
@@ -100,26 +86,14 @@ class Combiner:
     heuristic
         Weights the samples; variance curves are those of this heuristic.
     collector
-        From shares ``(2, P)`` or ``(2, 1)`` and numbers of samples ``(P,)`` makes the sums that correct pixels, of all
-        samples of each light, which therefore have one share and known densities, of two techniques. None: it is a
-        heuristic, whose weights are all there is.
+        From shares ``(2, P)`` or ``(2, 1)`` and numbers of samples ``(P,)`` makes the sums that correct pixels
+        (`dmis.estimator.optimal_mis.Optimal`). It needs all samples of each light, which therefore have one share and
+        known densities, of two techniques. None: it is a heuristic, whose weights are all there is.
     """
 
     name: str
     heuristic: Heuristic = balance
-    collector: Callable[[Array, Array], Collector] | None = None
-
-    def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
-        """Return ``W / (w_k p_k)`` of samples of technique k, the factor of f in their estimate, ``(N,)``.
-
-        Parameters
-        ----------
-        shares
-            w_j of all techniques, ``(K, N)`` or ``(K, 1)``.
-        pdf
-            p_j of all techniques, K arrays ``(N,)``.
-        """
-        return self.heuristic([w * p for w, p in zip(shares, pdf, strict=True)], k)
+    collector: Callable[[Array, Array], Any] | None = None
 
 
 FAMILIES: dict[str, tuple[Callable[[float], Heuristic], float]] = {"power": (power, 2.0), "cutoff": (cutoff, 0.1)}

@@ -86,6 +86,7 @@ class Auto(Rule):
     sampler: str | None = None
     compensation: float | None = None
     statistic = PatternCurves
+    pilot = MappingProxyType({0.5: 2})
     settings = MappingProxyType({"reuse_pilot": False})
 
     def __post_init__(self) -> None:
@@ -102,10 +103,6 @@ class Auto(Rule):
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
                 f"got {self.combiner!r}. Use second-moment:combiner={self.combiner}"
             )
-
-    @property
-    def pilot(self) -> Mapping[float, int]:
-        return {0.5: 2}
 
     @property
     def least_spp(self) -> int:

@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from types import TracebackType
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dmis.base.malloc import LARGE_IMAGE, release
-from dmis.base.vectors import Array
 from dmis.base.window import overlap
 from dmis.fit.round import Round
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
@@ -124,7 +123,13 @@ class Passes:
         self.rays.update(film.rays)
         self.pilot_rays.update(film.rays if round_.stage == "pilot" else {})
         if round_.needs_features:
-            film = replace(film, features=self._features(round_.needs_features == "pixels"))
+            from dmis.scene.feature_buffers import render_feature_buffers, render_pixel_features
+
+            of_pixels = round_.needs_features == "pixels"
+            features, rays = (render_pixel_features if of_pixels else render_feature_buffers)(job.given_scene)
+            film = replace(film, features=features)
+            self.rays["guide"] += rays
+            self._release()
         film.lock()
         self.seconds[round_.stage] += time.perf_counter() - began
         return film
@@ -155,16 +160,6 @@ class Passes:
                 finished += tile.camera_samples
                 if self._progress:
                     self._progress(stage, finished, total)
-
-    def _features(self, of_pixels: bool) -> Mapping[str, Array]:
-        """Return the feature buffers of the pixels or patches of the scene."""
-        from dmis.scene.feature_buffers import render_feature_buffers, render_pixel_features
-
-        render = render_pixel_features if of_pixels else render_feature_buffers
-        features, rays = render(self._job.given_scene)
-        self.rays["guide"] += rays
-        self._release()
-        return features
 
     def _merge(self, film: Film, part: Film, tile: Tile, before: Film | None) -> None:
         """Merge the film of a tile into that of the image, or of a window as far as the tile is in it."""

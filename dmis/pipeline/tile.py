@@ -162,7 +162,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
         If a pixel is not finite.
     """
     statistic = None if tile.round.statistic is None else TileStatistic(tile, tile.round.statistic)
-    covered = _covered_pixels(scene, tile)
+    covered = None if scene.covered_pixels is None else scene.covered_pixels[tile.area].reshape(-1)
     size = batch_size(tile.round.settings)
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[tile.area])
     tile = replace(tile, round=tile.round.in_row_order())
@@ -273,14 +273,6 @@ def patch_sums(sums: Mapping[str, Array], shape: tuple[int, int], wants: Wants) 
     if wants.sums == "colours":
         images = {name: by_colour(image) for name, image in images.items()}
     return {name: patch_sum(image, PATCH) for name, image in images.items()}
-
-
-def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
-    """Return whether each pixel of the tile may see something, ``(P,)`` bool; None if all of them may."""
-    if scene.covered_pixels is None:
-        return None
-    covered: np.ndarray = scene.covered_pixels[tile.area].reshape(-1)
-    return None if covered.all() else covered
 
 
 def _camera_rays(
