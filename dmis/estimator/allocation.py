@@ -193,6 +193,9 @@ def allocate(
 ) -> Iterator[tuple[Sequence[SampleBlock], CameraSamples]]:
     """Yield `batches` of a tile with their camera samples, whose shading samples are divided between techniques.
 
+    The camera samples of a batch are in the order of their counts for the first technique, falling; equal ones keep the
+    order of the blocks.
+
     Parameters
     ----------
     shares, tilt

@@ -58,7 +58,9 @@ def pool(
         of_patches = {name: patch_mean(a, patch // PATCH) for name, a in features.items()}
         coarse, patches = _joint(coarse, of_patches, sigma, radius)
     elif sigma is not None:
-        coarse = {name: _gaussian_of_maps(a, sigma, radius) for name, a in coarse.items()}
+        for name, a in coarse.items():
+            flat = a.reshape(-1, *a.shape[-2:])
+            coarse[name] = np.stack([gaussian(values, sigma, radius) for values in flat]).reshape(a.shape)
         patches = effective(coarse["pixels"].shape, sigma, radius)
     pixels = coarse.pop("pixels")
     return {name: coarse.pop(name) / pixels for name in list(coarse)}, pixels * patches
@@ -81,12 +83,6 @@ def _joint(
         for a, part in zip(filtered.values(), np.split(flat[:, inner], ends), strict=True):
             a[..., block, :] = part.reshape(a[..., block, :].shape)
     return filtered, patches
-
-
-def _gaussian_of_maps(values: Array, sigma: float, radius: int) -> Array:
-    """Return each map, of the last two axes, after the Gaussian filter."""
-    flat = values.reshape(-1, *values.shape[-2:])
-    return np.stack([gaussian(a, sigma, radius) for a in flat]).reshape(values.shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -255,8 +255,7 @@ def _check_statistic(rule: Rule, text: str, settings: Settings) -> None:
     It is of the densities of all techniques, unless the rule is for any number of these; and of pairs of samples at
     fixed shares.
     """
-    names = settings.techniques
-    without = [repr(name) for name in names if not technique_by_name(name).exact]
+    without = [repr(name) for name in settings.techniques if not technique_by_name(name).exact]
     if without and not rule.multi_technique:
         raise ValueError(
             f"rule {text} needs the pdf of every technique, but {', '.join(without)} has none. Use thesis or fixed "
@@ -267,15 +266,11 @@ def _check_statistic(rule: Rule, text: str, settings: Settings) -> None:
             f"rule {text} needs allocation systematic, because it learns variances at fixed shares; got random. Use "
             f"thesis or fixed weights, which go with it"
         )
-    for name, n in (
-        ("shading_samples", settings.shading_samples),
-        *(("pilot samples", n) for n in rule.pilot.values()),
-    ):
+    of_pilot = [("pilot samples", n) for n in rule.pilot.values()]
+    for name, n in (("shading_samples", settings.shading_samples), *of_pilot):
         if n % 2:
             raise ValueError(
                 f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {n + 1}, or "
                 f"rule thesis"
             )
-        if name == "pilot samples" and n % len(names):
-            raise ValueError(f"{name} must be a multiple of {len(names)}, the number of techniques; got {n}")
     pilot_settings(settings, paired=True)  # refuses too many shading samples

@@ -21,7 +21,6 @@ from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.round import LEVELS, Budget
 from dmis.fit.rule import Rule, check_settings, merge_settings, rule_text
-from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning
 
 DEFAULT_SPP = 128
@@ -107,14 +106,6 @@ class Job:
     def alone(self) -> Job:
         """The job with its window as an image of its own, so that no time is spent outside of it."""
         return replace(self, scene=self.given_scene.in_float32[0], window=None)
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """Key of a checkpoint: all that its tiles depend on, by content; a ValueError if a part has no fingerprint."""
-        from dmis.pipeline.fingerprint import content_hashes
-
-        hashes = content_hashes(self.given_scene, self.rule, self.settings)
-        return {**self.provenance, **hashes, "tiles": layout(self.settings)}
 
 
 def resolve(

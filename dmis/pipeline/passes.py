@@ -20,7 +20,7 @@ from dmis.fit.round import Round
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
-from dmis.pipeline.tile import Tile, make_tiles, render_tile
+from dmis.pipeline.tile import Tile, layout, make_tiles, render_tile
 from dmis.variance.moments import Film
 
 if TYPE_CHECKING:
@@ -78,9 +78,12 @@ class Passes:
         self._store: Store | None = None
         if checkpoint is not None:
             from dmis.pipeline.checkpoint import Store
+            from dmis.pipeline.fingerprint import content_hashes
 
-            passes = len(job.rule.pilot) + 1
-            self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
+            # all that the tiles depend on, by content
+            hashes = content_hashes(job.given_scene, job.rule, job.settings)
+            key = {**job.provenance, **hashes, "tiles": layout(job.settings)}
+            self._store = Store(checkpoint, key, _CHECKPOINT_BYTES * self._pixels * (len(job.rule.pilot) + 1))
         job.scene.prepare()
         job.scene.plan.prepare(job.settings.lights, job.settings.sky_compensation)  # before workers get the scene
         self._workers = None if serial else Workers(job.scene, parallel)

@@ -83,7 +83,7 @@ class Neyman(_Objective):
     """Choose shares in proportion to the deviations of weighed contributions: Neyman 1934, Sbert et al. 2016.
 
     Shares are in proportion to ``s_i / sqrt(c_i)``, s_i being the deviation of ``W_i f / p_i``. That is optimal if the
-    *weights* stay those of equal counts: with the combiner ``frozen`` it is the estimator of Sbert, Havran and
+    *weights* stay those of equal counts, a final round of tilt 1/2: that is the estimator of Sbert, Havran and
     Szirmay-Kalos, "Variance analysis of multi-sample and one-sample multiple importance sampling", Computer Graphics
     Forum 35(7), 2016, costs included. With the balance heuristic the weights change with w, and there is no guarantee.
     """
