@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import re
 import sys
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +19,7 @@ from helpers import shared_scene
 import dmis
 from dmis.image import png_of, write_png
 from dmis.pipeline.progress import reporting
+from dmis.testing.scenes import box_scene
 from dmis.variance.moments import Film
 
 
@@ -100,3 +103,13 @@ def test_progress_without_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     with pytest.raises(ImportError, match=r"pip install 'dmis\[progress\]'"), reporting(True):
         pass
+
+
+def test_a_result_keeps_no_tables() -> None:
+    """Nor Embree's copy: its provenance is made from the fields of the scene."""
+    scene = box_scene(resolution=(4, 3))
+    kept = [weakref.ref(scene.plan), weakref.ref(scene.intersector)]
+    result = dmis.render(scene, "balance", 1, parallel=1)
+    del scene
+    gc.collect()
+    assert [reference() for reference in kept] == [None, None] and result.provenance["scene_hash"]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import LEVEL, pixel_shares
 
+import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
 from dmis.estimator.allocation import allocate, sample_batches
@@ -265,3 +266,16 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
         for count, place in ((first[mine], before[0][mine]), (shading_samples - first[mine], before[1][mine])):
             numbers = np.concatenate([np.arange(a, a + n) for a, n in zip(place, count, strict=True)])
             assert len(np.unique(numbers)) == len(numbers)
+
+
+def test_each_technique_goes_on_in_its_own_sequence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At w = 1/4 and S = 2 the last of 16 camera samples has some 7 light and 23 BRDF samples before it."""
+    largest, direction = {0: 0, 1: 0}, Numbers.direction
+
+    def spied(self, key, technique, i, sample, count, before, numbers=2):
+        largest[technique] = max(largest[technique], int(before.max()))
+        return direction(self, key, technique, i, sample, count, before, numbers)
+
+    monkeypatch.setattr(Numbers, "direction", spied)
+    dmis.render(box_scene(resolution=(8, 6)), "fixed:0.25", 16, sampler="sobol", integrator="direct", parallel=1)
+    assert 6 <= largest[0] <= 8 and 22 <= largest[1] <= 24
