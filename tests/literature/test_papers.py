@@ -31,7 +31,7 @@ def modules() -> Iterator[SimpleNamespace]:
 
 
 def test_each_file_has_one_rule_and_says_its_source(modules: SimpleNamespace) -> None:
-    others = {"objectives", "simplex", "resampled", "pilot_moments"}
+    others = {"objectives", "simplex", "resampled", "pilot_moments", "patch_size"}
     assert {path.stem for path in LITERATURE.glob("*.py")} == {*NAMES, *others}
     for stem, name in NAMES.items():
         text = (LITERATURE / f"{stem}.py").read_text("utf-8")
