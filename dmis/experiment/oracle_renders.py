@@ -1,7 +1,7 @@
 """Renders of an oracle: its curves, and what a camera sample costs in each patch.
 
-The curves V(w) are those of `dmis.variance.curves`, or of `dmis.variance.tilt_curves` if w tilts the heuristic alone,
-from a pilot of thousands of samples per pixel with its own random numbers, cached on disk like references.
+The curves V(w) are those of `dmis.variance.curves`, from a pilot of thousands of samples per pixel with its own random
+numbers, cached on disk like references.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from dmis.estimator.settings import DEFAULTS, PRESETS, Settings, make_settings
 from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, from_cache, render_halves
-from dmis.fit.round import Budget, Fit, Round, check_weigh
+from dmis.fit.round import Fit
 from dmis.fit.second_moment import SecondMoment
 from dmis.intersect import UNTRACED
 from dmis.pipeline.executor import Parallel
@@ -38,7 +38,6 @@ from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID_SHARES, HALF, Curves
 from dmis.variance.moments import Film
-from dmis.variance.tilt_curves import TiltCurves
 
 LAYOUT = 3
 """Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
@@ -56,7 +55,6 @@ def make_oracle(
     patch: int = 4,
     *,
     settings: Settings | None = None,
-    weigh: str = "samples",
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
     progress: Progress | bool | None = None,
@@ -70,8 +68,6 @@ def make_oracle(
         Samples per pixel, a multiple of 4 of at least 8: half of them in each of two independent halves.
     patch
         Side of a patch in pixels, a multiple of 4.
-    weigh
-        What w is, see `dmis.fit.round.WEIGH`; ``heuristic``, as of ``thesis``, has the same cost at every w.
     settings, folder, parallel, progress, options
         See `dmis.experiment.reference.make_reference`. The curves of skies depend on `compensation`, whose default is
         that of rules that learn; give 0 to judge ``thesis``, or to predict the error of ``balance``.
@@ -80,8 +76,7 @@ def make_oracle(
     if spp < 8 or spp % 4:
         raise ValueError(f"spp of an oracle must be a multiple of 4, and at least 8: two halves of pairs; got {spp}")
     settings = make_settings(settings, **options)
-    check_weigh(weigh, settings.combiner)
-    key = oracle_key(scene, spp, patch, settings, weigh)
+    key = oracle_key(scene, spp, patch, settings)
     path = cache_path(scene, "oracle", key, folder, ".npz")
     if not scene.plan.mixable:
         raise ValueError(f"an oracle needs a light of two techniques, but scene {scene.name!r} has nothing to mix")
@@ -89,8 +84,7 @@ def make_oracle(
     if curves is None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
-        maps_of_curves = _CurveMaps if weigh == "samples" else _TiltMaps
-        rule = maps_of_curves(patch=patch, spp=spp // 2, filter="none")
+        rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none")
         more = {"settings": settings, "parallel": parallel, "progress": progress}
         with render_halves(path, scene, rule, spp // 2 + 1, REFERENCE_SEED + 2, **more) as halves:
             rays: Counter[str] = sum((Counter(half.provenance["pilot_rays"]) for half in halves), Counter())
@@ -104,8 +98,7 @@ def make_oracle(
     if not variance.any():
         raise ValueError(f"an oracle needs noise; every sample of scene {scene.name!r} is the same")
     s = settings.shading_samples
-    pilot_s, shares = (2 * s, GRID_SHARES) if weigh == "samples" else (s, np.full_like(GRID_SHARES, 0.5))
-    cost = camera_sample_cost(counted, shares, pilot_s, s, settings.techniques)
+    cost = camera_sample_cost(counted, GRID_SHARES, 2 * s, s, settings.techniques)
     return Oracle(variance, cost, patch, spp, scene.camera.resolution[::-1])
 
 
@@ -125,18 +118,6 @@ class _CurveMaps(SecondMoment):
         return Fit(0.5, {name: means[name] for name in _CURVE_PARTS})
 
 
-@dataclass(frozen=True)
-class _TiltMaps(_CurveMaps):
-    """Rule whose maps are the variance at every tilt, in the form of the curves of shares."""
-
-    def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
-        """Yield camera samples of the balance heuristic, without pairs, and a final pass."""
-        film = yield replace(budget.pilot(0.5, self.spp), statistic=TiltCurves)
-        variance = self.pooled(film)[0]["curve"]
-        parts = {"pattern": np.zeros_like(variance), "position": np.zeros_like(variance[0])}
-        yield budget.final(Fit(0.5, {"curve": variance, **parts}), self.spp)
-
-
 def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
     """Return the settings of an oracle's renders: sky compensation as with rules that learn, if the scene has a sky."""
     settings = settings or Settings()
@@ -151,10 +132,10 @@ def settings_key(settings: Settings) -> dict[str, Any]:
     return {**values, **sampling_hashes(values)}
 
 
-def oracle_key(scene: Scene, spp: int, patch: int, settings: Settings | None, weigh: str = "samples") -> dict[str, Any]:
+def oracle_key(scene: Scene, spp: int, patch: int, settings: Settings | None) -> dict[str, Any]:
     """Return what the curves of an oracle depend on; arguments are those of `make_oracle`."""
     about = {"dmis": __version__, "layout": LAYOUT, "scene": fingerprint(scene), "spp": spp, "patch": patch}
-    return {**about, "weigh": weigh, **settings_key(curve_settings(scene, settings))}
+    return {**about, **settings_key(curve_settings(scene, settings))}
 
 
 def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any) -> tuple[Array, Array]:

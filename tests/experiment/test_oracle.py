@@ -96,17 +96,6 @@ def test_compensation_of_an_oracle() -> None:
     assert [found.compensation for found in settings] == [DEFAULTS["compensation"], 0.0, 0.5]
 
 
-def test_oracle_of_the_tilt(box: dmis.Scene, tmp_path) -> None:
-    """Both kinds of w are the balance heuristic at 1/2; a tilt costs the same everywhere, and has a file of its own."""
-    shares, tilt = (make_oracle(box, 512, weigh=weigh, folder=tmp_path) for weigh in ("samples", "heuristic"))
-    assert len(list(tmp_path.glob("*.npz"))) == 2
-    assert tilt.variance[HALF].mean() == pytest.approx(shares.variance[HALF].mean(), rel=0.05)
-    assert not np.allclose(tilt.variance[0], shares.variance[0], rtol=0.2)
-    assert (tilt.cost == tilt.cost[0]).all() and tilt.cost[0] == pytest.approx(shares.cost[HALF], rel=0.02)
-    with pytest.raises(ValueError, match="weigh must be samples or heuristic; got 'both'"):
-        make_oracle(box, 512, weigh="both", folder=tmp_path)
-
-
 def test_patches_at_the_border_count_by_their_pixels() -> None:
     """An image of 4 by 5 pixels, one patch of 16 and one of 4, of which one gains by the best weight."""
     for patch, truth in ((0, (16 * 0.2 + 4) / 20), (1, (16 + 4 * 0.2) / 20)):
