@@ -99,7 +99,6 @@ def samples(
     scene: Scene,
     pixels: Sequence[int] | np.ndarray | None = None,
     *,
-    xy: Sequence[tuple[int, int]] | None = None,
     spp: int = 16,
     weight: float = 0.5,
     seed: int = 0,
@@ -111,10 +110,8 @@ def samples(
     Parameters
     ----------
     pixels
-        Numbers of pixels in row order, ``row * width + column``, ``(P,)``; None: all, unless `xy` is given. A pixel has
-        the same samples in any choice. A tuple is refused, because it looks like a column and a row.
-    xy
-        Columns and rows of pixels in place of their numbers, ``(P, 2)``.
+        Numbers of pixels in row order, ``row * width + column``, ``(P,)``; None: all. A pixel has the same samples in
+        any choice. A tuple is refused, because it looks like a column and a row.
     weight
         Share w of light samples.
     spp, seed, settings, options
@@ -122,7 +119,7 @@ def samples(
     """
     job = resolve(scene, Fixed(weight), spp, seed, make_settings(settings, **options))
     height, width = shape = job.budget.shape
-    chosen = _pixel_numbers(pixels, xy, height, width)
+    chosen = _pixel_numbers(pixels, height, width)
     left, top, _, _ = job.window or (0, 0, width, height)
     resolution = job.scene.camera.resolution  # of a window, that of the whole image
     recorder, rays = _Recorder(weight, job.settings.shading_samples), Counter[str]()
@@ -148,23 +145,14 @@ def cost_without_shadow_rays(rays: Mapping[str, int], shading_samples: int) -> f
     return surface_points(rays) * (CAMERA + SHADING * shading_samples) + of_deltas
 
 
-def _pixel_numbers(pixels: Any, xy: Any, height: int, width: int) -> np.ndarray:
+def _pixel_numbers(pixels: Any, height: int, width: int) -> np.ndarray:
     """Return the numbers of the pixels that `samples` is given, ``(P,)``; a ValueError for others."""
-    if xy is not None:
-        places = np.asarray(xy)
-        whole = places.ndim == 2 and places.shape[1] == 2 and places.dtype.kind in "iu" and len(places) > 0
-        if pixels is not None or not whole or (places < 0).any() or (places >= (width, height)).any():
-            raise ValueError(
-                f"xy must be a list of (column, row), from (0, 0) to {width - 1, height - 1}, and pixels be left out; "
-                f"got xy={xy!r}, pixels={pixels!r}"
-            )
-        return places[:, 1] * width + places[:, 0]
     chosen = np.arange(height * width) if pixels is None else np.asarray(pixels)
     whole = chosen.ndim == 1 and chosen.dtype.kind in "iu" and not isinstance(pixels, tuple)
     if not whole or not chosen.size or chosen.min() < 0 or chosen.max() >= height * width:
         raise ValueError(
             f"pixels must be whole numbers from 0 to {height * width - 1}, row * width + column, in a list or an array "
-            f"of one dimension; got {pixels!r}. For columns and rows write xy=[(column, row)]"
+            f"of one dimension; got {pixels!r}"
         )
     return chosen
 

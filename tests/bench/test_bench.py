@@ -78,24 +78,16 @@ def test_samples_of_a_window() -> None:
     """They are those of the whole image, by the numbers of the window's pixels."""
     scene = shared_scene("cornell", (70, 40))
     options = {"spp": 4, "integrator": "path"}
-    of_window = dmis.samples(scene.crop((29, 30, 60, 37)), xy=[(5, 6)], **options)
-    of_whole = dmis.samples(scene, xy=[(34, 36)], **options)
+    of_window = dmis.samples(scene.crop((29, 30, 60, 37)), [6 * 31 + 5], **options)
+    of_whole = dmis.samples(scene, [36 * 70 + 34], **options)
     np.testing.assert_array_equal(of_window.f, of_whole.f)
     assert set(of_window.pixel) == {6 * 31 + 5} and of_window.shape == (7, 31)
 
 
-def test_pixels_by_column_and_row() -> None:
-    """They have the rows of their numbers."""
-    scene = shared_scene("teapot-area-light", (36, 33))
-    by_place, by_number = dmis.samples(scene, xy=[(3, 4), (30, 20)]), dmis.samples(scene, [4 * 36 + 3, 20 * 36 + 30])
-    assert set(by_place.pixel) == {147, 750}
-    np.testing.assert_array_equal(by_place.f, by_number.f)
-    for xy, more in (([3, 4], None), ([(36, 0)], None), ([(0, -1)], None), ([(0.5, 0)], None), ([(3, 4)], [3])):
-        with pytest.raises(ValueError, match=r"xy must be a list of \(column, row\), from \(0, 0\) to \(35, 32\)"):
-            dmis.samples(scene, more, xy=xy)  # type: ignore[arg-type]
+def test_pixels_that_are_refused() -> None:
     for pixels in ([-1], [36 * 33], [0.5], [], (3, 4), 3):
         with pytest.raises(ValueError, match="pixels must be whole numbers from 0 to 1187"):
-            dmis.samples(scene, pixels)  # type: ignore[arg-type]
+            dmis.samples(shared_scene("teapot-area-light", (36, 33)), pixels)  # type: ignore[arg-type]
 
 
 class Tilted(dmis.Rule):
