@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 import numpy as np
 from mis_bench import make_data
+from mis_bench_renders import load, measure
 from pieces import FOUR
 from rows import read_rows, write_rows
 from show_weights import (
@@ -42,7 +43,6 @@ from dmis.base.vectors import Array
 from dmis.bench.data import FULL, HALF, SCENES, Truth, path_of, read_truth
 from dmis.bench.decide import SETTINGS, SPP, AnyRule
 from dmis.bench.judge import BASELINES, Score, score
-from dmis.bench.rendered import load, measure
 from dmis.fit.round import Budget, Fit
 
 JUDGED = tuple(name.removeprefix("full-") for name in FULL[:6])

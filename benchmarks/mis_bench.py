@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mis_bench_renders import BOUND, SECONDS, fmt, load, measure
 from rows import read_rows, write_rows
 from show_weights import OTHERS, REQUIRED, VALIDATED_CSV, VALIDATED_FIELDS, ordered_pairs, validated
 from weight_bounds import draw, patch_probabilities
@@ -38,7 +39,6 @@ from dmis.bench.data import (
 )
 from dmis.bench.decide import decide
 from dmis.bench.judge import error_time, random_shares
-from dmis.bench.rendered import BOUND, SECONDS, fmt, load, measure
 from dmis.bench.samples import COLUMNS, samples
 from dmis.cli.bench_rules import rules_of
 from dmis.estimator.allocation import shares_of

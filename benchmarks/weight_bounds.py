@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mis_bench_renders import BOUND, load
 
 from dmis.base.atomic_files import replacing
 from dmis.base.patches import PATCH, patch_mean
 from dmis.base.vectors import Array
 from dmis.bench.data import GRID, HALF, path_of
-from dmis.bench.rendered import BOUND, load
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.records import Record

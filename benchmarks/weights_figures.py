@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 from common import print_canvas, write_webp
+from mis_bench_renders import load
 from weight_bounds import ShareTiltMoments, resized, variance
 
 from dmis import plot
 from dmis.base.vectors import Array
-from dmis.bench.rendered import load
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import Settings
 from dmis.fit.fixed import Fixed

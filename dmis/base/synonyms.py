@@ -15,6 +15,7 @@ COMMAND_LINE = {
     "table": "figure DIR -o FILE, whose extension is .tex, .md or .csv",
     "scenes": "info --scenes",
     "rules": "info --rules",
+    "--render": "python benchmarks/mis_bench.py --validate --rules RULE, in a checkout",
     "--samples": "--spp N",
     "--size": "--resolution WxH",
     "--time": "--seconds S",

@@ -190,19 +190,12 @@ def _error_time(maps: Array, truth: Truth) -> float:
     return float(np.average(variance / n, weights=weight) * np.average(n * cost, weights=weight))
 
 
-STYLES = {"text": ("", "  ", ""), "markdown": ("| ", " | ", " |"), "latex": ("", " & ", r" \\"), "json": ("", "", "")}
-"""Forms of the tables: how a row begins, what is between its cells, and how it ends."""
-
-
-def report(scores: Mapping[str, Score], style: str = "text") -> str:
+def report(scores: Mapping[str, Score]) -> str:
     """Return tables of scores by name: means over seeds, with half the width of their 95 % intervals.
 
     The first has all columns over all scenes, the second absolute and relative error times cost over that of balance in
-    each scene. As JSON, the columns of each seed by scene.
+    each scene.
     """
-    if style == "json":
-        columns = {name: {k: v.T.tolist() for k, v in score.values.items()} for name, score in scores.items()}
-        return json.dumps({"columns": COLUMNS, "scores": columns})
     scenes = tuple(next(iter(scores.values())).values)
     heading = {SCENES: "all scenes", FULL: "all scenes at full size"}.get(scenes, ", ".join(scenes))
     total = [[heading, *COLUMNS]]
@@ -211,7 +204,13 @@ def report(scores: Mapping[str, Score], style: str = "text") -> str:
         cell = partial(_cell, blocks=score.blocks)
         total.append([name, *map(cell, score.over_scenes().T)])
         by_scene.append([name, *(f"{cell(v[:, 0])}, {cell(v[:, 1])}" for v in score.values.values())])
-    return "\n\n".join(_lay_out(rows, style) for rows in (total, by_scene))
+    return "\n\n".join(map(_lay_out, (total, by_scene)))
+
+
+def report_json(scores: Mapping[str, Score]) -> str:
+    """Return the columns of each seed by scene, as JSON."""
+    columns = {name: {k: v.T.tolist() for k, v in score.values.items()} for name, score in scores.items()}
+    return json.dumps({"columns": COLUMNS, "scores": columns})
 
 
 def interval(values: Array, blocks: bool) -> tuple[float, float]:
@@ -230,11 +229,7 @@ def _cell(values: Array, blocks: bool) -> str:
     return f"{mean:.3g} ± {width:.1g}" if width > 5e-4 * abs(mean) else f"{mean:.3g}"
 
 
-def _lay_out(rows: Sequence[Sequence[str]], style: str) -> str:
-    """Return a table, whose first row is its head; of LaTeX the rows of a ``tabular``."""
-    begin, between, end = STYLES[style]
-    widths = np.max([[len(cell) for cell in row] for row in rows], axis=0) * (style == "text")
-    lines = [begin + between.join(map(str.ljust, row, widths.tolist())).rstrip() + end for row in rows]
-    if style == "markdown":
-        lines.insert(1, f"|{'---|' * len(rows[0])}")
-    return "\n".join(lines).replace("±", r"$\pm$" if style == "latex" else "±")
+def _lay_out(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in columns, whose first row is its head."""
+    widths = np.max([[len(cell) for cell in row] for row in rows], axis=0).tolist()
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)

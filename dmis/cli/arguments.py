@@ -236,9 +236,8 @@ COMMANDS: Mapping[str, Command] = {
     "bench-rules": Command("bench_rules", "score weight rules on MIS-Bench, without rendering", {
         "rules": _option("Python files or names of rules (default: those of the page)", nargs="*", metavar="RULE"),
         "--scenes": _option("scenes or data files: small,kitchen.npz (default: all eight)", str, "", metavar="A,B,..."),
-        "--render": _flag("also render the learned shares with Sobol points, and print errors over balance"),
         "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(1, 100), 4, metavar="K"),
-        "--format": _option("of the tables: text (default), markdown, latex or json", str, "text"),
+        "--format": _option("text (default), or json: columns of each seed", None, "text", choices=("text", "json")),
     }),
 }  # fmt: skip
 """The commands by name."""

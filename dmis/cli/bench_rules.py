@@ -7,23 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from dmis.base.plugins import load_plugin, raised
-from dmis.base.validate import one_of
 from dmis.bench.data import SCENES, path_of, read_truth
-from dmis.bench.judge import BASELINES, ORACLES, STYLES, report, score
+from dmis.bench.judge import BASELINES, report, report_json, score
 from dmis.cli.shared import say
 from dmis.fit.registry import RULES
 
 
 def bench_rules(options: argparse.Namespace) -> int:
     """Run ``bench-rules`` and return its exit code."""
-    one_of("format", options.format, STYLES)
     scenes, seeds, scores = options.scenes.split(",") if options.scenes else SCENES, range(options.seeds), {}
     for scene in scenes:  # before the rules, whose errors name their file
         read_truth(path_of(scene))
-        if options.render:
-            from dmis.bench.rendered import confirm, load  # imported where used: scores need no renderer
-
-            load(scene)
     rules = [(text, *item) for text in options.rules for item in rules_of(text).items()]
     rules = rules or [("", *item) for item in BASELINES.items()]
     for text, name, rule in rules:
@@ -33,11 +27,7 @@ def bench_rules(options: argparse.Namespace) -> int:
             if not text.endswith(".py"):
                 raise
             raise ValueError(f"{text}: {raised(error)}") from error
-    say(report(scores, options.format))
-    if options.render:
-        learned = [(name, rule) for _, name, rule in rules if not (isinstance(rule, str) and rule in ORACLES)]
-        for line in confirm(learned, scenes):
-            say(line)
+    say(report_json(scores) if options.format == "json" else report(scores))
     return 0
 
 

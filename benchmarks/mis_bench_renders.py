@@ -1,17 +1,15 @@
-"""The second track of MIS-Bench: what a rule learned from pilot tables, rendered with low-discrepancy points."""
+"""Scenes of MIS-Bench, and errors of renders of the shares that a rule learned from pilot tables."""
 
 from __future__ import annotations
 
 import runpy
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from time import process_time
 
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.bench.data import FULL, PACKAGED, SCENES, SMALL, path_of, read_pilots
-from dmis.bench.decide import AnyRule, decide
+from dmis.bench.data import FULL, PACKAGED, SCENES, SMALL
 from dmis.bench.judge import shares_and_samples
 from dmis.bench.samples import cost_without_shadow_rays
 from dmis.estimator.cost import RAY, count_camera_samples
@@ -81,26 +79,6 @@ def measure(scene: Scene, settings: Settings, final: Round, seconds: float, spp:
             values = by_seed.mean(axis=1) * np.mean(costs)
             error = by_seed.std(axis=1) / np.sqrt(len(images)) / by_seed.mean(axis=1)
     return values, error
-
-
-def confirm(
-    rules: Iterable[tuple[str, AnyRule]], scenes: Iterable[str], seconds: float | None = None, sampler: str = "sobol"
-) -> Iterator[str]:
-    """Yield, for each scene and named rule, a line with error times cost over that of balance, and standard errors.
-
-    Rules learn from the pilots of seed 0, and their maps are rendered with points of `sampler`, in some CPU `seconds`
-    each; None: `SECONDS`.
-    """
-    rules = list(rules)
-    seconds = SECONDS if seconds is None else seconds
-    for name in scenes:
-        scene, settings = load(name)
-        settings, pilots = replace(settings, sampler=sampler), read_pilots(path_of(name, 0))
-        balance, error_of_balance = measure(scene, settings, decide("balance", pilots), seconds)
-        for text, rule in rules:
-            value, error = measure(scene, settings, decide(rule, pilots), seconds)
-            ratio, error = value / balance, np.hypot(error, error_of_balance)
-            yield f"{name:20} {text:21} over balance {fmt(ratio)}  s.e. {fmt(error * ratio)}"
 
 
 def fmt(values: Array) -> str:
