@@ -13,8 +13,8 @@ import numpy as np
 from dmis.bench.samples import SampleTable
 from dmis.doctor.causes import Cause, name_causes, smallest_factors
 from dmis.doctor.evidence import joint_test
-from dmis.doctor.means import LEAST_ROWS, MOST, Test, smallest_visible, tests, z_limit
-from dmis.doctor.table import DoctorTable, read_table
+from dmis.doctor.means import LEAST_ROWS, Test, smallest_visible, tests, z_limit
+from dmis.doctor.table import read_table
 
 UNEXPLAINED = 1e-3
 """Probability of a misfit below which a cause does not explain a table."""
@@ -26,10 +26,6 @@ SCALE = 12.0
 """Pixels of a bar of the page for each standard error."""
 STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}td,th{padding:2px 9px;text-align:left}"
 STYLE += "pre{white-space:pre-wrap}.bad{background:#c33}.ok{background:#693}.few{background:#aaa}"
-PATCH = 8
-"""Side of the patches of pixels whose shares could differ, see `savings`."""
-FEW = 0.001
-"""Share of the camera samples that count as fireflies, those of the largest squares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +41,7 @@ class Diagnosis:
     rows
         Numbers of rows that were compared: light samples, BRDF samples.
     notes
-        Doubts about the table, and what else is worth knowing.
+        Doubts about the table, and what absent columns would tell.
     causes
         Causes that explain the table, likeliest first; none if nothing is wrong.
     smallest
@@ -133,41 +129,11 @@ def diagnose(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) ->
     rows = read_table(table)
     results = tests(rows)
     brdf = int((~rows.is_light).sum())
-    some = rows.thinned(MOST)
-    notes = [*rows.notes, f"{FEW:.1%} of the camera samples have {firefly_share(some):.0%} of the sum of squares"]
-    notes.append(f"the best share of each patch would save {max(0, savings(some)):.0%} of the second moment")
     limit = z_limit(max(1, sum(test.trusted for test in results)))
-    result = Diagnosis(tuple(results), limit, joint_test(rows), (len(rows) - brdf, brdf), tuple(notes))
+    result = Diagnosis(tuple(results), limit, joint_test(rows), (len(rows) - brdf, brdf), rows.notes)
     if not result.healthy:
         return replace(result, causes=tuple(name_causes(rows)))
     return replace(result, smallest=smallest_factors(rows))
-
-
-def firefly_share(table: DoctorTable) -> float:
-    """Return the part of the sum of squared estimates that the largest `FEW` of the camera samples have."""
-    estimates = np.bincount(table.sample, table.f / (table.a_l + table.a_b)) ** 2
-    few = max(1, round(FEW * len(estimates)))
-    return float(np.partition(estimates, -few)[-few:].sum() / max(estimates.sum(), 1e-30))
-
-
-def savings(table: DoctorTable) -> float:
-    """Return what the best share of each patch would save of the second moment of estimates, judged on other samples.
-
-    The second moment with share t is the sum of ``f^2 / ((t a_l + (1 - t) a_b) (a_l + a_b))``; t is chosen by every
-    other camera sample and judged by the rest.
-    """
-    patch = np.zeros(len(table), np.int64)
-    if table.shape is not None:
-        row, column = np.divmod(table.pixel, table.shape[1])
-        patch += row // PATCH * (table.shape[1] // PATCH + 1) + column // PATCH
-    patches = int(patch.max()) + 1
-    square = table.f.astype(float) ** 2 / (table.a_l + table.a_b)
-    half = patch + patches * (table.sample % 2)
-    shares = np.linspace(0.1, 0.9, 9)  # 1/2 stands for the numbers of samples of the table
-    moments = [np.bincount(half, square / (t * table.a_l + (1 - t) * table.a_b), 2 * patches) for t in shares]
-    chosen, judged = np.reshape(moments, (len(shares), 2, patches)).swapaxes(0, 1)
-    best = judged[chosen.argmin(axis=0), np.arange(patches)].sum()
-    return float(1 - best / max(judged[len(shares) // 2].sum(), 1e-30))
 
 
 def page(diagnosis: Diagnosis, name: str) -> str:
