@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmis.base.malloc import LARGE_IMAGE, release
 from dmis.base.window import overlap
 from dmis.fit.round import Round
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
@@ -68,7 +67,6 @@ class Passes:
         self._job, self._progress = job, progress
         self._rounds = self._samples = 0
         self._pixels = math.prod(job.given_scene.camera.resolution)
-        self._release: Callable[[], None] = release if self._pixels >= LARGE_IMAGE else lambda: None
         self.rays, self.pilot_rays = Counter[str](), Counter[str]()
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self.embree_seconds = self.worker_seconds = 0.0
@@ -105,7 +103,6 @@ class Passes:
         began, job = time.perf_counter(), self._job
         width, height = job.given_scene.camera.resolution
         round_ = round_.checked((height, width))
-        self._release()
         n, before = round_.spp, round_.before
         n = n if isinstance(n, int) else n[..., None]
         mean, root = before.unlocked() if before else np.zeros((2, height, width, 3), np.float32)
@@ -122,7 +119,6 @@ class Passes:
             tiles = [tile for tile in tiles if overlap(tile.area, job.window)]
         self._render_tiles(tiles, round_, film)
         self._rounds += 1
-        self._release()
         self.rays.update(film.rays)
         self.pilot_rays.update(film.rays if round_.stage == "pilot" else {})
         if round_.needs_features:

@@ -1,4 +1,4 @@
-"""Freed memory, kept and given back; systems that do not say how much there is."""
+"""Freed memory that is kept; systems that do not say how much there is."""
 
 import platform
 import sys
@@ -12,7 +12,7 @@ import dmis
 FAULTS = """
 import resource
 import numpy as np
-from dmis.base.malloc import keep, release
+from dmis.base.malloc import keep
 
 def faults(number):
     "Page faults while memory is filled and freed again, so many times."
@@ -26,20 +26,18 @@ faults(1)
 given_back = faults(20)
 keep()
 faults(1)
-kept = faults(20)
-release()
-print(given_back, kept, faults(1))
+print(given_back, faults(20))
 """
 
 
 @pytest.mark.skipif(
     sys.platform != "linux" or platform.libc_ver()[0] != "glibc", reason="only glibc is told what to keep"
 )
-def test_memory_is_kept_until_it_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrays take the place of earlier ones, though the environment says otherwise, as that of Dask's workers does."""
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
-    given_back, kept, released = map(int, fresh_python(FAULTS).split())
-    assert kept < 0.1 * given_back and kept / 20 < 0.1 * released
+    given_back, kept = map(int, fresh_python(FAULTS).split())
+    assert kept < 0.1 * given_back
 
 
 WITHOUT_POSIX = """
