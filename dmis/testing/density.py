@@ -21,9 +21,6 @@ from dmis.testing.statistics import chi2_p, z_limit
 
 COUNT = 2**16
 """Sampled directions of a view."""
-CORNERS = np.array([[0, 0, 1, 1, 0.5, 0.5], [0, 1, 0, 1, 0, 1], [0, 1, 1, 0, 0, 1], [0, 1, 0, 1, 1, 0]], np.float32)
-CORNERS *= np.float32(1 - 2**-24)
-"""Smallest and largest uniform numbers, ``(4, 6)``."""
 ROUNDING = 1e-3
 """Error of integrals that is allowed beside that of the nodes: pdfs are float32."""
 _SIDE = 16
@@ -195,14 +192,6 @@ def _ratio(value: Array, pdf: Array) -> Array:
 
 
 Views = Sequence[DensityView]
-
-
-def check_values(views: Views) -> None:
-    """Call the functions of views at special places, sampled by `CORNERS`: the renderer checks what they return."""
-    for view in views:
-        view.pdf(view.wi)
-        if view.value is not None:
-            view.value(view.wi)
 
 
 def check_pdf(views: Views, level: float, pdf: str = "pdf") -> str:

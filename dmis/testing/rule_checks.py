@@ -6,23 +6,18 @@ The renderer refuses shares and rounds that are wrong; here it renders images in
 from __future__ import annotations
 
 import warnings
-from collections.abc import Generator, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 
 from dmis.base.plugins import raised
 from dmis.brdf.materials import matte, plastic
-from dmis.estimator.settings import Settings
 from dmis.fit.registry import make_rule
-from dmis.fit.round import Budget, Round
-from dmis.fit.rule import Rule, next_round
-from dmis.pipeline.job import resolve
-from dmis.pipeline.render import render_job
+from dmis.fit.rule import Rule
+from dmis.pipeline.render import render
 from dmis.pipeline.result import Result, costly_pilot
 from dmis.scene.scene import Scene
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import box_scene, compare_means
 from dmis.testing.statistics import level
-from dmis.variance.moments import Film
 
 SPP = 32
 """Least camera samples per pixel of each render, the pilot included."""
@@ -57,23 +52,11 @@ def _spp(rule: Rule | str) -> int:
     return spp
 
 
-def _render(rule: Rule | str, scene: Scene, seed: int = 0) -> tuple[Result, list[Round]]:
-    """Render a scene by a rule; return the rounds that it yields, too."""
-    rounds: list[Round] = []
-
-    class Recorded(Rule):
-        """The rule of the job; its budget depends on that rule, too."""
-
-        def rounds(self, budget: Budget) -> Generator[Round, Film, None]:
-            generator, film = job.rule.rounds(job.budget), None
-            while (round_ := next_round(generator, film)) is not None:
-                rounds.append(round_)
-                film = yield round_
-
+def _render(rule: Rule | str, scene: Scene, seed: int = 0) -> Result:
+    """Render a scene by a rule."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a scene without light
-        job = resolve(scene, rule, _spp(rule), seed, Settings(integrator="direct"))
-        return render_job(replace(job, rule=Recorded()), 1), rounds
+        return render(scene, rule, _spp(rule), seed=seed, integrator="direct", parallel=1)
 
 
 def _scene(size: tuple[int, int] = (16, 16)) -> Scene:
@@ -92,7 +75,7 @@ def _check_images(rule: Rule | str, images: dict[str, Scene]) -> str:
 
 def _check_deterministic(rule: Rule | str) -> str:
     """Raise a Fault if two renders of the same seed differ."""
-    first, second = (_render(rule, _scene(), 3)[0] for _ in range(2))
+    first, second = (_render(rule, _scene(), 3) for _ in range(2))
     if (first.image != second.image).any():
         raise Fault(
             "fit or rounds: two renders of one seed differ. A rule must depend on the pilot alone, not on a clock, a "
@@ -103,22 +86,13 @@ def _check_deterministic(rule: Rule | str) -> str:
 
 def _check_renders(rule: Rule | str, name: str) -> str:
     """Raise a Fault if the mean is not that of the balance heuristic; also say if a pilot makes most of the error."""
-    result, rounds = _render(rule, _scene())
-    weights, others = ([r.image_weight for r in yielded] for yielded in (rounds, _render(rule, _scene(), 1)[1]))
-    if weights != others:
-        raise Fault(
-            f"rounds: image_weight depends on samples, {weights} with one seed and {others} with another, which biases "
-            f"the image; fix it beforehand, as budget.pilot and budget.final do"
-        )
     advice = (
         "fit or rounds: what decides the samples of a pixel in the image must come from samples that are not in it, or "
         "from other pixels. Leave out before, or spp of the last Round depends on the samples that it is joined to; a "
-        "round of the same sequence must begin where the one before ends (begin)"
+        "round of the same sequence must begin where the one before ends (begin). settings: dmis.check_technique tells "
+        "whether a technique of your own is wrong"
     )
-    own = [technique for technique in rounds[-1].settings.techniques if technique not in ("light", "brdf")]
-    if own:
-        advice = f"settings: dmis.check_technique tells whether technique {' or '.join(own)} is wrong"
     # few samples of many pixels, because the bias of adaptive ones is largest where the pilot is a large part
     rules = [("balance", "balance"), (name, rule)]
     means = compare_means(_scene((64, 64)), rules, level(1), advice, _spp(rule))
-    return "; ".join(filter(None, [means, costly_pilot(result.provenance)]))
+    return "; ".join(filter(None, [means, costly_pilot(_render(rule, _scene()).provenance)]))

@@ -81,7 +81,6 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any], str, str]] = {
     ),
     "brightness": (Panel, "brightness", lambda *_: 4.0, CAMERA, r"^brightness.. returns 4, but .* 8"),
     "distance": (Panel, "sample", lambda s, *_: replace(s, distance=s.distance * 2), RENDERS, "same light samples"),
-    "NaN": (Panel, "hit", pdf(lambda s: s.distance / s.distance), "accepts", "^Mine.hit: pdf .* got nan"),
     "no mesh": (Panel, "mesh", lambda *_: None, "accepts", "must have a visible surface"),
     "falloff of 1 / d": (
         PointLight,

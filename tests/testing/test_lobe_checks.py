@@ -53,7 +53,6 @@ FAULTS: dict[str, tuple[Lobe, str, Callable[..., Any], str, str]] = {
     "eval with the cosine": (LAMBERT, "eval", lambda f, d: f * d.cos_i, "reciprocal", "cos_i must not be a factor"),
     "eval of one side": (LAMBERT, "eval", lambda f, d: f * (d.wi[0] > 0), "reciprocal", "^eval is not reciprocal"),
     "eval without 1 / pi": (LAMBERT, "eval", lambda f, d: f * np.float32(np.pi), "energy", r"^eval reflects 1\.57"),
-    "eval NaN": (LAMBERT, "eval", lambda f, d: f * (d.cos_o / d.cos_o), "accepts", r"^Mine.eval .* got nan"),
     "weight": (LAMBERT, "weight", lambda w: 2 * w, "weight", r"^weight returns up to 1, eval cos / pdf 0\.5"),
 }
 

@@ -106,11 +106,6 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         UNIFORM,
         r"rounding_offsets\(2\): first numbers are not uniform",
     ),
-    "order of rounding": (
-        changed(Sobol, rounding_order=lambda self, order, number: number // 2),
-        "index",
-        r"rounding_order must have each of the first 64 numbers once; got \[0 0 1 1\]",
-    ),
     "no sampler": (lambda block: None, REFUSED, "'NoneType' object has no attribute 'start'"),
 }
 

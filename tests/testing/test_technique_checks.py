@@ -46,7 +46,6 @@ FAULTS: dict[str, tuple[dict[str, Any], str, str]] = {
     "pdf of other samples": ({"pdf": lambda s, d, p: d.above / np.float32(2 * np.pi)}, PDF, MASS + r"1\.00"),
     "sample on the wrong side": ({"sample": behind}, PDF, r" 0\.0000 of the directions of sample"),
     "light samples of other directions": ({"sample": elsewhere}, "accepts", "sample must return light.hit"),
-    "NaN": ({"pdf": lambda s, d, p: pdf(s, d, p) * (s.cos_o / s.cos_o)}, "accepts", "^pdf of .* cosine .* got nan"),
     "numbers": ({"numbers": 7}, "accepts", r"^numbers of technique cosine must be .* from 2 to 4; got 7"),
     "renders": ({"pdf": lambda s, d, p: d.above * INV_PI, "exact": False}, "renders", RENDERS),
 }
