@@ -15,6 +15,7 @@ COMMAND_LINE = {
     "table": "figure DIR -o FILE, whose extension is .tex, .md or .csv",
     "scenes": "info --scenes",
     "rules": "info --rules",
+    "--material": "dmis.load_scene(file, material=dmis.matte(0.5)), in Python",
     "--render": "python benchmarks/mis_bench.py --validate --rules RULE, in a checkout",
     "--samples": "--spp N",
     "--size": "--resolution WxH",

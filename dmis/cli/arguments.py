@@ -131,7 +131,6 @@ SCENE = {
     ),
     "--fov": _option("field of view across the shorter side of the image, in degrees", float, metavar="F"),
     "--light": _option("sky that replaces a model's lights except surfaces: an image file or 'R G B'", metavar="SKY"),
-    "--material": _option("replaces all materials of a model: 'matte:kd=0.9 0.6 0.2' (docs/models.md)", metavar="M"),
 }  # fmt: skip
 METRIC = _option("error that is shown: relmse (default), mse or flip", str, "relmse", metavar="M")
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless given here")}

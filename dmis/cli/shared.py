@@ -1,9 +1,8 @@
-"""What the commands share: the scene, sky, material and settings that the options name, and a progress bar."""
+"""What the commands share: the scene, sky and settings that the options name, and a progress bar."""
 
 from __future__ import annotations
 
 import argparse
-import inspect
 import sys
 from contextlib import AbstractContextManager
 from importlib.util import find_spec
@@ -12,11 +11,8 @@ from typing import Any
 
 import numpy as np
 
-import dmis
 from dmis.base.atomic_files import check_writable
 from dmis.base.text import printable
-from dmis.base.validate import did_you_mean
-from dmis.brdf.materials import Material
 from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
 from dmis.formats.model import up_axis
@@ -42,8 +38,6 @@ def load(options: argparse.Namespace, name: str) -> Scene:
         more["camera"] = Camera.look_at(eye, target, top, options.fov or 45.0)
     if options.light is not None:
         more["lights"] = [read_sky(options.light, up)]
-    if options.material is not None:
-        more["material"] = read_material(options.material)
     more |= {"dialect": options.dialect, "outside": options.allow_outside, "up": options.up}
     return load_scene(name, options.resolution, **more)
 
@@ -73,57 +67,16 @@ def progress_bar(quiet: bool) -> AbstractContextManager[Progress | None]:
     return reporting(not quiet and sys.stderr.isatty() and find_spec("tqdm") is not None)
 
 
-MATERIALS = (
-    "matte", "plastic", "metal", "shiny_metal", "substrate", "uber", "mirror", "glass", "metallic_roughness", "phong",
-    "blinn_phong", "ward", "ashikhmin_shirley", "cook_torrance", "ggx", "rough_glass", "coated_diffuse",
-    "coated_conductor",
-)  # fmt: skip
-"""Public functions of dmis that return a material."""
-
-
 def read_sky(text: str, up: tuple[float, float, float]) -> EnvironmentLight:
     """Return the sky of a text: an even one of "R G B" or of one number, or that of an image file.
 
     The top of the image is towards `up`, and it is not mirrored: text in it can be read.
     """
-    values = _numbers(text)
-    if values is not None:
-        if len(values) not in (1, 3):
-            raise ValueError(f"--light must be an image file, or one number or three; got {len(values)}: {text!r}")
-        return EnvironmentLight(np.broadcast_to(values, (16, 32, 3)))
-    y_up = up[1] != 0
-    return EnvironmentLight(text, np.eye(3)[[0, 2, 1]] if y_up else np.diag((1.0, -1.0, 1.0)))  # type: ignore[arg-type]
-
-
-def read_material(text: str) -> Material:
-    """Return the material of a text: a name of `MATERIALS`, a colon, and parameters ``name=value``, with commas.
-
-    A value is a number, three numbers with spaces between them, or the path of an image file.
-    """
-    name, _, rest = text.strip().partition(":")
-    if name not in MATERIALS:
-        raise ValueError(
-            f"--material must be one of {', '.join(MATERIALS)}, with parameters after a colon; got "
-            f"{name!r}{did_you_mean(name, MATERIALS)}"
-        )
-    make = getattr(dmis, name)  # imported now
-    parameters = inspect.signature(make).parameters
-    given: dict[str, Any] = {}
-    for part in rest.split(",") if rest else []:
-        key, is_given, value = (piece.strip() for piece in part.partition("="))
-        if not is_given or key not in parameters:
-            raise ValueError(
-                f"parameters of {name} are {', '.join(parameters)}, such as {next(iter(parameters))}=0.5; got {part!r}"
-            )
-        values = _numbers(value)
-        given[key] = value if values is None else values[0] if len(values) == 1 else values
-    material: Material = make(**given)
-    return material
-
-
-def _numbers(text: str) -> tuple[float, ...] | None:
-    """Return the numbers of a text, with spaces between them; None if it is something else."""
     try:
-        return tuple(map(float, text.split())) or None
+        values = tuple(map(float, text.split()))
     except ValueError:
-        return None
+        y_up = up[1] != 0
+        return EnvironmentLight(text, np.eye(3)[[0, 2, 1]] if y_up else np.diag((1.0, -1.0, 1.0)))  # type: ignore[arg-type]
+    if len(values) not in (1, 3):
+        raise ValueError(f"--light must be an image file, or one number or three; got {len(values)}: {text!r}")
+    return EnvironmentLight(np.broadcast_to(values, (16, 32, 3)))
