@@ -180,7 +180,6 @@ COMMANDS: Mapping[str, Command] = {
         "--reference": _option(".exr or .npy file (default: rendered once, then cached)", Path, metavar="REF"),
         "--reference-spp": _option("camera samples per pixel of each half of a reference (default 1024)", int, 1024),
         "--crop": _option("window of the errors in pixels, x1 and y1 excluded", CROP, metavar="x0,y0,x1,y1"),
-        "--oracle-spp": _option("also render the oracle, N samples per pixel, or read the cache", int, metavar="N"),
         **THREADS,
         **QUIET,
         **VERBOSE,

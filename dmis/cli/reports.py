@@ -10,7 +10,6 @@ from typing import Any
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.validate import check_package, one_of
 from dmis.cli.shared import check_page, describe, load, progress_bar, say, settings_of
-from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import load_reference, make_reference
 from dmis.experiment.table import Comparison, read_comparison
 from dmis.fit.registry import make_rule
@@ -70,21 +69,16 @@ def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> C
             reference = load_reference(options.reference, scene, settings)
         else:
             reference = make_reference(scene, options.reference_spp, **of_renders)
-        oracle = None
-        if options.oracle_spp is not None:
-            oracle = make_oracle(scene, options.oracle_spp, **of_renders)
         if options.verbose:
             of_renders["progress"] = _print_run
         seeds = range(options.seed, options.seed + options.seeds)
-        comparison = compare_rules(
-            scene, rules, spp, seeds, reference, output, oracle=oracle, crop=options.crop, **of_renders
-        )
+        comparison = compare_rules(scene, rules, spp, seeds, reference, output, crop=options.crop, **of_renders)
     for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
         pilot = sum(make_rule(rule).pilot.values())
         why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
         say(f"dmis: {rule} is skipped at {n} samples per pixel, {why}", error=True)
     if not options.quiet:
-        say(summary(comparison), *([] if oracle is None else ["", oracle.text()]))
+        say(summary(comparison))
         say(*filter(Path.exists, (output / name for name in ("results.csv", "report.html"))))
     return comparison
 

@@ -28,7 +28,6 @@ from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, Measure
 from dmis.experiment.metrics import relative_error, share_of_few, squared_error
-from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, load_reference
 from dmis.experiment.runs import PINNED, Budget, Run, Turn
 from dmis.fit.registry import make_rule
@@ -210,8 +209,6 @@ class Comparison:
         Runs of each rule and budget, in the order of the seeds, as in ``results.csv``.
     pictures
         One image of each rule and budget, with the layers RGB, weight, variance, samples.
-    oracle
-        Oracle of the scene; None: not rendered.
     provenance
         Provenance of each of `pictures`.
     """
@@ -220,7 +217,6 @@ class Comparison:
     runs: Mapping[Budget, Sequence[Run]]
     pictures: Mapping[Budget, Mapping[str, Array]]
     reference: Reference
-    oracle: Oracle | None
     provenance: Mapping[Budget, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -277,7 +273,6 @@ def make_comparison(
     about: Mapping[str, Any],
     runs: Mapping[Budget, Sequence[Run]],
     reference: Reference,
-    oracle: Oracle | None = None,
 ) -> Comparison:
     """Return the comparison of runs whose images are in `folder`; a ValueError if one cannot be read."""
     pictures, provenance = {}, {}
@@ -290,7 +285,7 @@ def make_comparison(
             raise ValueError(
                 f"{path} must be an image that dmis rendered ({error!r}); remove it, and {AGAIN}"
             ) from error
-    return Comparison(about, runs, pictures, reference, oracle, provenance)
+    return Comparison(about, runs, pictures, reference, provenance)
 
 
 def read_comparison(folder: str | os.PathLike[str]) -> Comparison:

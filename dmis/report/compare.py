@@ -13,7 +13,6 @@ from dmis.base.atomic_files import check_folder, check_writable
 from dmis.base.validate import check_package, whole
 from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
-from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, make_reference
 from dmis.experiment.runs import PINNED, measure, seed_list
 from dmis.experiment.table import REFERENCE, Comparison, Results, conditions, make_comparison
@@ -82,7 +81,6 @@ def compare(
     reference: Reference | None = None,
     folder: str | os.PathLike[str] | None = None,
     *,
-    oracle: Oracle | None = None,
     crop: Sequence[int] | None = None,
     progress: Progress | bool | None = None,
     **options: Any,
@@ -103,8 +101,6 @@ def compare(
         Image that errors are measured against; None: `dmis.make_reference` of 1024 samples per pixel.
     folder
         Output directory; an existing comparison in it is resumed. None: one with the scene's name.
-    oracle
-        Oracle of the scene, whose best weights plots and report show; None: they do not.
     crop, progress, options
         See `dmis.experiment.runs.measure`.
 
@@ -131,7 +127,7 @@ def compare(
     )  # fmt: skip
     in_order = sorted(dict.fromkeys([*budgets, *pinned]), key=lambda budget: spp.index(budget[1]))
     runs = {budget: [results.runs[*budget, seed] for seed in seeds] for budget in in_order}
-    comparison = make_comparison(folder, results.about, runs, reference, oracle)
+    comparison = make_comparison(folder, results.about, runs, reference)
     _draw(comparison, folder)
     return comparison
 

@@ -10,11 +10,8 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from dmis import __version__, plot
 from dmis.base.vectors import Array
-from dmis.experiment.alarm import ALARM_LIMIT
 from dmis.experiment.convergence import gains
 from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import Comparison
@@ -22,7 +19,6 @@ from dmis.report.comparer import comparer_data, viewer_data
 from dmis.report.plots import LINES, error_svg, map_png
 from dmis.report.tables import overview, report_tables, winners
 from dmis.report.templates import filled, write_page
-from dmis.variance.curves import HALF
 
 
 def write_report(
@@ -41,7 +37,6 @@ def write_report(
         sections=[_section(c) for c in comparisons],
         overview=overview(comparisons),
         share_colours=plot.palette("RdBu", 9),
-        alarm_limit=f"{ALARM_LIMIT:g}",
         version=__version__,
         data=comparer_data(viewers),
     )
@@ -72,13 +67,6 @@ def _largest(c: Comparison) -> dict[str, Mapping[str, Array]]:
 
 
 def share_maps(c: Comparison) -> list[tuple[str, str, str]]:
-    """Return the share maps of the oracle and of each rule: name, note, and the URI of the image."""
-    maps = []
-    if c.oracle is not None:
-        note = f"{c.oracle.spp} samples per pixel; {c.oracle.limit():.2f} times the variance of w = ½"
-        best = np.where(c.oracle.variance[HALF] > 0, c.oracle.best(), np.nan)
-        maps.append(("best shares by the oracle", note, map_png(best, "RdBu", 0, 1)))
-    for rule, layers in _largest(c).items():
-        weight = layers["weight"]
-        maps.append((rule, f"mean {weight.mean():.2f}", map_png(weight, "RdBu", 0, 1)))
-    return maps
+    """Return the share map of each rule: name, note, and the URI of the image."""
+    weights = {rule: layers["weight"] for rule, layers in _largest(c).items()}
+    return [(rule, f"mean {weight.mean():.2f}", map_png(weight, "RdBu")) for rule, weight in weights.items()]

@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from dmis import plot
 from dmis.base.vectors import Array
 from dmis.experiment.convergence import MEASURES, Axis, Measure, line
-from dmis.experiment.oracle import Oracle
 from dmis.experiment.runs import Budget, Run
 from dmis.experiment.table import Comparison
 from dmis.report.comparer import png
@@ -38,15 +37,13 @@ def error_lines(
     axis: Axes,
     runs: Mapping[Budget, Sequence[Run]],
     over: Axis,
-    oracle: Oracle | None = None,
     ink: str = "0.35",
     measure: Measure = "mse",
 ) -> None:
     """Draw the root of the error of every rule over samples, rays or seconds, log-log.
 
     Lines are the root of the mean over seeds, bands go from the lowest to the highest seed. Dotted: the slope of
-    N^-1/2. Dashed, by MSE only: the error of the best weights by the oracle, in the time and rays of the balance
-    heuristic.
+    N^-1/2.
     """
     lows = []
     for k, rule in enumerate(dict.fromkeys(rule for rule, _ in runs)):
@@ -57,10 +54,6 @@ def error_lines(
         axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
         axis.plot(x, mean, color=colour, marker=mark, markersize=5, linewidth=1.6, label=rule)
         lows += [(at, error * np.sqrt(at)) for at, error in zip(x, low, strict=True)]
-        if rule == "balance" and oracle is not None and measure == "mse":
-            mark = "" if len(x) > 1 else "x"  # a single point has no line
-            best = mean * np.sqrt(oracle.limit())
-            axis.plot(x, best, color=ink, linestyle="--", linewidth=1.1, marker=mark, label="best weights")
     ends = np.array([min(x for x, _ in lows), max(x for x, _ in lows)])
     axis.set_xlabel(AXIS_LABELS[over])
     axis.set_ylabel("RMSE (linear RGB)" if measure == "mse" else "root of relMSE")
@@ -80,7 +73,7 @@ def convergence(comparison: Comparison, path: Path) -> None:
     """Write the plot of errors over seconds by both measures, and over rays, with its caption, as a PNG file."""
     figure, axes = plot.canvas(1, 3, 17, 5)
     for axis, (over, measure) in zip(axes[0], LINES, strict=True):
-        error_lines(axis, comparison.runs, over, comparison.oracle, measure=measure)
+        error_lines(axis, comparison.runs, over, measure=measure)
     axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of all
     caption = f"""Root of relMSE and of MSE against the reference, mean over {comparison.seeds} seed(s); bands go from
         the lowest to the highest seed. CPU time is from the pilot to the last sample, fit included. Dotted: N^-1/2.
@@ -102,7 +95,7 @@ def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> s
     }
     with matplotlib.rc_context(style):  # type: ignore[arg-type]
         figure, axes = plot.canvas(1, 1, 5.4, 3.9)
-        error_lines(axes[0, 0], comparison.runs, over, comparison.oracle, INK, measure)
+        error_lines(axes[0, 0], comparison.runs, over, INK, measure)
         if axes[0, 0].get_legend_handles_labels()[0]:
             axes[0, 0].legend(fontsize=8, frameon=False, handlelength=2.4, loc="best")
         file = io.StringIO()
@@ -114,8 +107,6 @@ def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> s
     return head + drawing.replace(INK, "currentColor")
 
 
-def map_png(values: Array, palette: str, low: float, high: float) -> str:
-    """Return a map ``(H, W)`` in the colours of matplotlib's `palette` as a PNG in a data URI; NaN is grey."""
-    colours = matplotlib.colormaps[palette].with_extremes(bad="#808080")
-    shares = np.ma.masked_invalid((np.asarray(values, np.float64) - low) / (high - low))
-    return png(colours(shares, bytes=True)[..., :3])
+def map_png(shares: Array, palette: str) -> str:
+    """Return a map ``(H, W)`` of numbers from 0 to 1 in the colours of matplotlib's `palette`, a PNG in a data URI."""
+    return png(matplotlib.colormaps[palette](np.asarray(shares, np.float64), bytes=True)[..., :3])

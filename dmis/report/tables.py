@@ -13,7 +13,7 @@ from dmis.base.validate import did_you_mean, one_of
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, Gain, Interval, gains, over_scenes, ratio_text
 from dmis.experiment.runs import PINNED, fallbacks
-from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
+from dmis.experiment.table import Comparison
 
 ERRORS = tuple(MEASURES.values())
 OVER = ("", " / balance", "·CPU s / balance", " in equal time", " / pinned", "·CPU s / pinned")
@@ -182,7 +182,7 @@ def winners(c: Comparison, rows: Sequence[Gain], k: int = 0) -> list[Gain]:
 
 
 def report_tables(c: Comparison, rows: Sequence[Gain]) -> dict[str, Table]:
-    """Return the tables of a report by their class: errors by both measures, costs, and all runs.
+    """Return the tables of a report by their class: errors by both measures, and costs.
 
     A budget begins a ``group`` of rows; ``best`` is the first of `winners`, and ⚠ marks the alarms of
     `dmis.experiment.alarm`.
@@ -200,6 +200,4 @@ def report_tables(c: Comparison, rows: Sequence[Gain]) -> dict[str, Table]:
         titles = ["spp", "rule", *(f"{name}{over}" for over in OVER)]
         tables[f"efficiency {name}"] = Table(titles, [[row[title] for title in titles] for row in shown], marks)
     tables["costs"] = Table(COSTS, [[row[title] for title in COSTS] for row in shown], groups)
-    runs = run_by_key(run for by_seed in c.runs.values() for run in by_seed)
-    tables["runs"] = Table(COLUMNS, [cells(c.scene, run, runs) for run in runs.values()])
     return tables

@@ -92,9 +92,8 @@ def test_verbose_says_more(scene, tmp_path, capsys):
     assert first.startswith(out) and "40x30 pixels" in plan[0] and len(plan) > 2
     assert "pilot" in seconds and "shadow" in rays and "50%" in weight
     options = ["--rules", "pbrt", "--spp", "2", "--seeds", "2", "--reference-spp", "2", "--resolution", "16x12"]
-    assert main(["compare", scene, *options, "-o", str(tmp_path / "c"), "--verbose", "--oracle-spp", "8"]) == 0
+    assert main(["compare", scene, *options, "-o", str(tmp_path / "c"), "--verbose"]) == 0
     captured = capsys.readouterr()
-    assert "\n\nThe best weights leave 0." in captured.out
     assert re.findall(r":\d\d (\[\d/6\] \w+)$", captured.out, re.M) == [
         "[1/6] pinned", "[2/6] balance", "[3/6] pbrt", "[4/6] pinned", "[5/6] balance", "[6/6] pbrt"
     ]  # fmt: skip

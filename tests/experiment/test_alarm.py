@@ -78,7 +78,7 @@ def test_noise_of_a_reference():
         assert bool(alarm.reference_noise(dmis.Reference(first, second, 8), errors)) == noisy
     assert alarm.reference_noise(dmis.Reference(first, first, 0), [0.2]) == ""
     runs = {("balance", 32): [replace(run(0), mse=0.19)]}
-    lines = Comparison({}, runs, {}, dmis.Reference(first, second, 8), None).alarms()
+    lines = Comparison({}, runs, {}, dmis.Reference(first, second, 8)).alarms()
     assert lines[0].startswith("The reference is too noisy for this table") and lines[1:] == [""]
 
 

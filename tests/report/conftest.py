@@ -6,19 +6,17 @@ from pathlib import Path
 import pytest
 
 import dmis
-from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.table import Comparison
 
 
 @pytest.fixture(scope="session")
 def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path]:
-    """A comparison of independent samples, with an oracle, and its folder."""
+    """A comparison of independent samples, and its folder."""
     pytest.importorskip("matplotlib")
     folder = tmp_path_factory.mktemp("report")
     reference = dmis.make_reference(box, 64, folder=folder)
-    oracle = make_oracle(box, 64, folder=folder)
     rules, options = ["pbrt", "thesis:patch=4", "second-moment"], {"parallel": 1, "sampler": "independent"}
-    return dmis.compare(box, rules, [8, 16], [0, 1], reference, folder, oracle=oracle, **options), folder
+    return dmis.compare(box, rules, [8, 16], [0, 1], reference, folder, **options), folder
 
 
 @pytest.fixture(scope="session")
