@@ -2,14 +2,13 @@
 
 Rules take turns seed by seed, so that a slower machine slows all of them. Pilot and fit are part of a
 rule's budget and of its time; imports and tables are not, since a few pixels are rendered before its first turn.
-Processes and clusters get whole renders where tiles are few, see `TILES_PER_WORKER`.
 """
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
@@ -23,13 +22,11 @@ from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
 from dmis.experiment.reference import Reference
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.rule import merge_settings
 from dmis.pipeline.executor import Parallel, Workers, worker_processes
 from dmis.pipeline.job import resolve
 from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result
-from dmis.pipeline.tile import batch_size, tile_areas
 from dmis.scene.scene import Scene
 
 Budget = tuple[str, int]
@@ -42,8 +39,6 @@ rules; their integrator and depth are its own, too.
 """
 Turn = tuple[str, int, int]
 """Rule and samples per pixel of a budget, and seed."""
-TILES_PER_WORKER = 10
-"""Tiles of an image per worker process below which the process renders whole images: with few, most wait."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +133,8 @@ def measure(
     finished = {(run.rule, run.spp, run.seed): run for run in done}
     missing, crop = [turn for turn in turns if turn not in finished], options.pop("crop", None)
     alarmed: set[str] = set()
-    with reporting(progress, "renders") as report, closing(_renders(scene, missing, **options)) as renders:
+    renders = _renders(scene, missing, **options)
+    with reporting(progress, "renders") as report:
         for n, turn in enumerate(turns, 1):
             run = finished.get(turn)
             if run is None:
@@ -164,43 +160,19 @@ def seed_list(seeds: int | Iterable[int]) -> list[int]:
 
 def _renders(
     scene: Scene, turns: Sequence[Turn], parallel: Parallel = None, **options: Any
-) -> Generator[tuple[Result, float], None, None]:
-    """Yield the result of each turn, in their order, and its CPU seconds.
-
-    Rules that a script registers may be missing at workers, so with rules that are not shipped images are divided.
-    """
+) -> Iterator[tuple[Result, float]]:
+    """Yield the result of each turn, and its CPU seconds of all threads and processes."""
     settings, processes = make_settings(**options), worker_processes(parallel)
     scene.in_float32[0].prepare()  # now, so that it is not part of the CPU seconds of the first run
-    most = max((spp for _, spp, _ in turns), default=1)
-    tiles = tile_areas(scene.camera.resolution, most, False, batch_size(merge_settings(settings, scene)[0]))
-    known = all(rule == PINNED or rule.partition(":")[0] in RULES.shipped for rule, _, _ in turns)  # at workers, too
-    if known and len(tiles) < TILES_PER_WORKER * processes:
-        results: dict[Turn, tuple[Result, float]] = {}
-        timed = partial(timed_render, settings, 1)
-        with closing(Workers(scene, parallel)) as workers, closing(workers.calls(timed, turns)) as renders:
-            for turn in turns:
-                while turn not in results:
-                    other, results[other] = next(renders)
-                yield results.pop(turn)
-        return
-    if known and processes:
+    if processes and all(rule == PINNED or rule.partition(":")[0] in RULES.shipped for rule, _, _ in turns):
         with closing(Workers(scene.in_float32[0], parallel)) as workers:
             list(workers.calls(partial(_warm_up, settings), [turns] * processes))
     for turn in turns:
-        yield timed_render(settings, parallel, scene, turn)
-
-
-def timed_render(settings: Settings, parallel: Parallel, scene: Scene, turn: Turn) -> tuple[Result, float]:
-    """Return the result of a turn, and its CPU seconds of all threads and processes.
-
-    Where all is rendered in this thread, others, which may render other turns, do not count.
-    """
-    _warm_up(settings, scene, [turn])
-    name, settings = _rule_and_settings(turn, settings)
-    clock = time.thread_time if parallel == 1 else time.process_time
-    begin = clock()
-    result = render_alone(scene, name, turn[1], seed=turn[2], parallel=parallel, settings=settings)
-    return result, clock() - begin + result.seconds["workers"]
+        _warm_up(settings, scene, [turn])
+        name, of_turn = _rule_and_settings(turn, settings)
+        begin = time.process_time()
+        result = render_alone(scene, name, turn[1], seed=turn[2], parallel=parallel, settings=of_turn)
+        yield result, time.process_time() - begin + result.seconds["workers"]
 
 
 def render_alone(scene: Scene, rule: str, spp: int, *, seed: int, settings: Settings, parallel: Parallel) -> Result:
