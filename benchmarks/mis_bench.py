@@ -40,7 +40,7 @@ from dmis.bench.data import (
 from dmis.bench.decide import decide
 from dmis.bench.judge import error_time, random_shares
 from dmis.bench.samples import COLUMNS, samples
-from dmis.cli.bench_rules import rules_of
+from dmis.cli.checks import rules_of
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost, count_camera_samples
 from dmis.estimator.settings import Settings

@@ -231,7 +231,7 @@ COMMANDS: Mapping[str, Command] = {
         "table": _option("file of shading samples (docs/doctor.md lists the columns)", metavar="SAMPLES.npz"),
         "--report": _option("also write a page for a browser", Path, metavar="OUT.html"),
     }),
-    "bench-rules": Command("bench_rules", "score weight rules on MIS-Bench, without rendering", {
+    "bench-rules": Command("checks", "score weight rules on MIS-Bench, without rendering", {
         "rules": _option("Python files or names of rules (default: those of the page)", nargs="*", metavar="RULE"),
         "--scenes": _option("scenes or data files: small,kitchen.npz (default: all eight)", str, "", metavar="A,B,..."),
         "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(1, 100), 4, metavar="K"),

@@ -1,12 +1,17 @@
-"""The commands ``check``, for a user's own classes, and ``doctor``, for a table of any renderer's shading samples."""
+"""Commands that judge: ``check`` code of one's own, ``doctor`` a table of shading samples, ``bench-rules`` rules."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import Any
 
-from dmis.base.plugins import load_plugin
+from dmis.base.plugins import load_plugin, raised
+from dmis.bench.data import SCENES, path_of, read_truth
+from dmis.bench.judge import BASELINES, report, report_json, score
 from dmis.cli.shared import check_page, say
 from dmis.doctor.diagnosis import diagnose, page
+from dmis.fit.registry import RULES
 from dmis.report.templates import write_page
 from dmis.testing.find import RECOGNISED, find
 from dmis.testing.outcome import Outcome, line, summary
@@ -39,3 +44,38 @@ def doctor(options: argparse.Namespace) -> int:
         write_page(options.report, page(diagnosis, str(options.table)))
         say(options.report)
     return int(not diagnosis.healthy)
+
+
+def bench_rules(options: argparse.Namespace) -> int:
+    """Run ``bench-rules`` and return its exit code."""
+    scenes, seeds, scores = options.scenes.split(",") if options.scenes else SCENES, range(options.seeds), {}
+    for scene in scenes:  # before the rules, whose errors name their file
+        read_truth(path_of(scene))
+    rules = [(text, *item) for text in options.rules for item in rules_of(text).items()]
+    rules = rules or [("", *item) for item in BASELINES.items()]
+    for text, name, rule in rules:
+        try:
+            scores[name] = score(rule, scenes, seeds)
+        except Exception as error:
+            if not text.endswith(".py"):
+                raise
+            raise ValueError(f"{text}: {raised(error)}") from error
+    say(report_json(scores) if options.format == "json" else report(scores))
+    return 0
+
+
+def rules_of(text: str) -> dict[str, Any]:
+    """Return by name the rule of a text; or of a Python file its ``rule``, or else what it registers."""
+    if not text.endswith(".py"):
+        return {text: text}
+    before, name = set(RULES), Path(text).stem
+    rule = getattr(load_plugin(text), "rule", None)
+    rules = (
+        {registered: registered for registered in RULES if registered not in before} if rule is None else {name: rule}
+    )
+    if not rules:
+        raise ValueError(
+            f"{text} must define a function rule(tables) that returns shares (height, width), set rule to a dmis.Rule, "
+            f"or call dmis.register_rule; it does none of these"
+        )
+    return rules

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -70,8 +70,6 @@ REQUIRED = tuple(COLUMNS)[:9]
 GEOMETRY = ("direction", "normal", "geometric_normal", "light_normal", "distance")
 LABELS = ("light", "lobe", "depth")
 """Optional columns of whole numbers: which light, which lobe or material, which surface of the path."""
-MOST_MASS = 3.0
-"""Estimated probability, at most 1 but for noise, above which a unit is doubted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +170,7 @@ def _table(source: Mapping[str, Any]) -> DoctorTable:
     f, pixel = f[rows].astype(np.float32), columns["pixel"][rows]
     table = DoctorTable(technique[rows] == 0, f, a_l, a_b, sample, pixel, labels, source, rows, shape)
     _check_counts(table, n_l, n_b)
-    notes = list(_doubts(table))
+    notes = []
     if visible_only and occluded.any():
         notes.append("rows with f = 0 are left out: one technique has none, or the table says visible_only")
     if absent := [
@@ -229,19 +227,4 @@ def _check_counts(table: DoctorTable, n_l: float, n_b: float) -> None:
             raise ValueError(
                 f"{name} is {n:g}, but a camera sample has {most} such rows. Write how many are drawn, count camera "
                 f"samples anew in each pixel, and name light and depth if a camera sample has several"
-            )
-
-
-def _doubts(table: DoctorTable) -> Iterator[str]:
-    """Yield what may be wrong with the table itself, as sentences."""
-    lights = len(np.unique(table.labels["light"])) if "light" in table.labels else 1
-    draws = lights * (int(table.sample[-1]) + 1)
-    of_light, a_l, a_b = table.is_light, table.a_l, table.a_b
-    for drawn, a, own, name in ((of_light, a_b, a_l, "p_b / p_l"), (~of_light, a_l, a_b, "p_l / p_b")):
-        # E[p_b / p_l] of a light sample = probability that a BRDF sample is one that light sampling can draw <= 1
-        mass = (a[drawn] / own[drawn]).sum() / draws
-        if mass > MOST_MASS:
-            yield (
-                f"the mean of {name} over the rows of the technique below is a probability, but it is {mass:.3g}: is "
-                f"one density not per solid angle, or has it a factor too many?"
             )

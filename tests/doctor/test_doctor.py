@@ -278,12 +278,6 @@ def test_directions_of_one_technique_alone_are_no_evidence():
         dmis.diagnose(table)
 
 
-def test_units_are_doubted():
-    """A density of another unit in all rows has a mass above 1."""
-    table = synthetic(4000)
-    assert "not per solid angle" in read_table(table | {"p_l": table["p_l"] * 50}).notes[0]
-
-
 @pytest.mark.parametrize("of", [0, 1, 2])
 def test_occluded_rows_may_be_left_out(of):
     """Those of light samples, of BRDF samples, or of both: the rest is compared, and a fault is named all the same."""
