@@ -27,8 +27,6 @@ from dmis.report.templates import filled
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID
 
-LARGEST_PAGE = 3e6
-"""Most bytes of a page."""
 MOST_SAMPLES = 16
 """Largest number of samples of a patch in `best_with_samples`, over the mean; its inverse is the smallest."""
 
@@ -42,10 +40,9 @@ def play_page(scene: Scene, spp: int, patch: int, settings: Settings, **options:
     Raises
     ------
     ValueError
-        If an argument is out of range, the page would be too large, or the scene has nothing to mix or no noise.
+        If an argument is out of range, or the scene has nothing to mix or no noise.
     """
     options["settings"] = settings = replace(settings, preset=None, compensation=settings.compensation or 0)
-    _check_size(*scene.camera.resolution, patch)
     oracle = make_oracle(scene, spp, patch, **options)
     image = make_reference(scene, 64, **options).mean
     cost, factor = measure_patches(scene, patch, **options)
@@ -99,16 +96,6 @@ def best_with_samples(curves: Oracle) -> tuple[Array, Array]:
     v, c = np.maximum(between(curves.variance, w), 0), between(curves.costs, w)
     n = np.sqrt(np.divide(v, c, out=np.zeros_like(v), where=c > 0))
     return w, np.clip(n / max(curves.mean(n), 1e-30), 1 / MOST_SAMPLES, MOST_SAMPLES)
-
-
-def _check_size(width: int, height: int, patch: int) -> None:
-    """Raise a ValueError if a page would be too large: base64 of 3 bytes per pixel, 204 per patch, and the script."""
-    size = 4 * width * height + 272 * -(-width // patch) * -(-height // patch) + 60_000
-    if size > LARGEST_PAGE:
-        raise ValueError(
-            f"a page must have at most {LARGEST_PAGE / 1e6:g} MB; got {size / 1e6:.1f} MB for {width}x{height} pixels "
-            f"in patches of {patch}. Take a lower resolution, or larger patches"
-        )
 
 
 def _text(values: Array) -> str:

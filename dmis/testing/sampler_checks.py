@@ -1,4 +1,4 @@
-"""Checks of a sampler: uniform numbers, none of them twice, independent dimensions, batches and selections.
+"""Checks of a sampler: uniform numbers, none of them twice, independent dimensions, and renders.
 
 Chi-square tests on 64 cells hold for independent numbers, and for structured ones, whose pixels are independent and
 spread more evenly than by chance. Within a pixel the numbers of two dimensions may each be even, and still go through
@@ -13,10 +13,10 @@ from itertools import combinations, product
 import numpy as np
 
 from dmis.base.validate import check_array
-from dmis.base.vectors import Array, Selection, size
+from dmis.base.vectors import Array
 from dmis.fit.fixed import Fixed
 from dmis.samplers.pixel_block import CONTINUE, LENS, PixelBlock
-from dmis.samplers.streams import SAMPLERS, BlockSampler, RoundingSampler, Sampler, SamplerFactory, stream
+from dmis.samplers.streams import SAMPLERS, BlockSampler, RoundingSampler, SamplerFactory, stream
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import box_scene, compare_means
 from dmis.testing.statistics import chi2_p, level
@@ -59,14 +59,7 @@ def _checks(make: SamplerFactory, name: str) -> Iterator[Check]:
     in_batches = _numbers(make, batches=2)
     yield "numbers are uniform, and none is repeated", lambda: _check_uniform([numbers, in_batches])
     yield "dimensions of a path are independent", lambda: _check_independent(numbers)
-    yield "numbers depend on the block alone", lambda: _check_reproducible(make, numbers)
-    yield "index selects from the batch", lambda: _check_selections(make)
     yield "renders agree with independent numbers", lambda: _check_renders(make, name)
-
-
-def _sampler(make: SamplerFactory, seed: int = 0) -> Sampler:
-    """Return a sampler of `PIXELS` pixels with two shading samples for each of `SPP` camera samples."""
-    return make(PixelBlock(stream(seed, 0, 0), seed, np.arange(PIXELS), [SPP], 2))
 
 
 def _checked(u: Array, count: int, call: str) -> Array:
@@ -77,9 +70,12 @@ def _checked(u: Array, count: int, call: str) -> Array:
     return u
 
 
-def _numbers(make: SamplerFactory, seed: int = 0, batches: int = 1) -> Numbers:
-    """Return the numbers of each kind of draw, of the camera samples in one batch or several."""
-    sampler = _sampler(make, seed)
+def _numbers(make: SamplerFactory, batches: int = 1) -> Numbers:
+    """Return the numbers of each kind of draw, of the camera samples in one batch or several.
+
+    Each of `SPP` camera samples of a pixel has two shading samples.
+    """
+    sampler = make(PixelBlock(stream(0, 0, 0), 0, np.arange(PIXELS), [SPP], 2))
     drawn: dict[str, list[Array]] = {}
 
     def add(call: str, u: Array, count: int) -> None:
@@ -143,31 +139,6 @@ def _check_independent(numbers: Numbers) -> str:
                 f"{largest:.0f} in place of 15): permute the order for each key"
             )
     return f"largest chi-square within pixels {largest:.1f}; 15 if independent"
-
-
-def _check_reproducible(make: SamplerFactory, numbers: Numbers) -> str:
-    """Raise a Fault if a second sampler of a block has other numbers, or one of another seed the same."""
-    again = _numbers(make)
-    other = _numbers(make, seed=1)
-    for call, u in numbers.items():
-        if not np.array_equal(u, again[call]):
-            raise Fault(f"{call} differs between two samplers of one block: take random numbers from block.rng alone")
-        if (u == other[call]).mean() > REPEATED:
-            raise Fault(f"{call} is the same with another seed: make numbers from block.rng or block.seed")
-    return "equal for equal blocks, different for seeds 0 and 1"
-
-
-def _check_selections(make: SamplerFactory) -> str:
-    """Raise a Fault unless `index` selects the numbers of its camera samples; only counted if random."""
-    sampler = _sampler(make)
-    sampler.start(np.arange(PIXELS), np.zeros(PIXELS, np.int64))
-    selections: tuple[Selection, ...] = (slice(5, 900), np.array([7, 3, 1000]))
-    for key, index in product(KEYS, selections):
-        u = _checked(sampler.draw(key, index), size(index, PIXELS), f"draw({key!r}, {index})")
-        everything = sampler.draw(key, None)
-        if np.array_equal(everything, sampler.draw(key, None)) and not np.array_equal(u, everything[:, index]):
-            raise Fault(f"draw({key!r}, {index}) must return the numbers of these camera samples, not of others")
-    return "slices and indices"
 
 
 def _check_renders(make: SamplerFactory, name: str) -> str:

@@ -176,10 +176,6 @@ def test_info(scene, capsys):
         ("play SCENE -o a.png", r"a page must end in \.html; got 'a\.png'"),
         ("play SCENE -o a.html --patch 6", "patch must be a multiple of 4"),
         ("play SCENE -o a.html --spp 6", "must be a multiple of 4, and at least 8"),
-        (
-            "play SCENE -o a.html --resolution 2000x1500",
-            "at most 3 MB; got 63.1 MB for 2000x1500 pixels in patches of 4",
-        ),
         ("", "COMMAND"),
         # packages that are missing
         ("OpenEXR render SCENE -o a.exr", r"pip install OpenEXR, or write \.png"),

@@ -38,16 +38,6 @@ def of_numbers(change: Callable[[Array], Array]) -> Any:
     return changed(Independent, draw=lambda self, draw, *args: change(draw(*args)))
 
 
-def clocked(self: Any, init: Any, block: Any) -> None:
-    init(block)
-    self._rng = np.random.default_rng()
-
-
-def seeded(self: Any, init: Any, block: Any) -> None:
-    init(block)
-    self._rng = np.random.default_rng(7)
-
-
 def one_shift(self: Any, init: Any, block: Any) -> None:
     init(block)
     self._pixel_words[:] = self._pixel_words[0]
@@ -58,10 +48,6 @@ def one_order(self: Any, draw: Any, key: Any, index: Any, number: Any = None) ->
     u = draw("camera", index, number)
     shift = np.random.default_rng([abs(k) for k in key] if key != "camera" else 9).random((2, self._pixels))
     return ((u + shift[:, take(self._pixel, index)]) % 1).astype(np.float32).clip(0, np.float32(1 - 2**-24))
-
-
-def first_ones(self: Any, draw: Any, key: Any, index: Any, number: Any = None) -> Array:
-    return draw(key, None, number)[:, : len(take(self._number, index))]
 
 
 REFUSED, UNIFORM, SAME = "accepts", "uniform", "samples of a pixel have the same numbers"
@@ -98,9 +84,6 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "one order": (changed(Sobol, draw=one_order), "dimensions", "go through their points in one order"),
     "float64": (of_numbers(lambda u: u.astype(float)), REFUSED, "must return float32; got float64"),
     "one": (of_numbers(ceiling), REFUSED, r"draw\('camera', None\) must be in \[0, 1\); got 1 "),
-    "other index": (changed(Sobol, draw=first_ones), "index", "must return the numbers of these camera samples, not"),
-    "clock": (changed(Independent, __init__=clocked), "block alone", "differs between two samplers of one block"),
-    "no seed": (changed(Independent, __init__=seeded), "block alone", "is the same with another"),
     "rounding": (
         changed(Sobol, rounding_offsets=lambda self, offsets, count: offsets(count) ** 2),
         UNIFORM,
