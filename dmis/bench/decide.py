@@ -53,10 +53,7 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     settings, _ = merge_settings(SETTINGS, None, rule, text)
     rule = rule.filled(settings)
     if settings.techniques != ("light", "brdf") or settings.allocation != "systematic" or rule.multi_technique:
-        raise ValueError(
-            f"MIS-Bench scores fixed shares of light and BRDF sampling; {text} has {settings.allocation} shares of "
-            f"{' and '.join(settings.techniques)}. Measure it by python -m dmis compare"
-        )
+        raise _lack(text, f"{settings.allocation} shares of {' and '.join(settings.techniques)}")
     if reason := rule.fallback(SPP):
         raise ValueError(f"rule {text} must learn at {SPP} samples per pixel, the budget here; got: {reason}")
     rounds = rule.rounds(Budget(SPP, shape, settings, seed, rule.weigh or settings.weigh))
@@ -66,13 +63,15 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
         round_ = requested.checked(shape)
         if round_.stage == "final" or round_.patterns is not None:
             if round_.mixture != (LIGHT, BRDF):
-                names = " and ".join(technique.name for technique in round_.mixture)
-                raise ValueError(
-                    f"rule {text} samples by {names}; the data hold light and brdf alone. Measure it by compare"
-                )
+                raise _lack(text, " and ".join(technique.name for technique in round_.mixture))
             return round_
         film = _film(round_, pilots, used, text)
     raise ValueError(f"rule {text} must yield a final round, which budget.final(fit) makes; got none")
+
+
+def _lack(text: str, needs: str, available: str = "fixed shares of light and brdf alone") -> ValueError:
+    """Return the error that a rule needs something else than is available in pilots."""
+    return ValueError(f"rule {text} needs {needs}; pilots have {available}. Measure it by python -m dmis compare")
 
 
 def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Film:
@@ -90,14 +89,12 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Fil
         available = ", ".join(
             f"{t.spp} of {t.shading_samples} shading samples at {w:g}" for w, t in pilots.tables.items()
         )
-        raise ValueError(
-            f"rule {text} needs {np.mean(n):g} camera samples of {s} shading samples at w = {w:g}, after {begin} "
-            f"others; pilots have, in all pixels, {available}. Use pilots at these w, or measure it by compare"
-        )
+        needs = f"{np.mean(n):g} camera samples of {s} shading samples at w = {w:g}, after {begin} others"
+        raise _lack(text, needs, f"in all pixels, {available}")
     if round_.needs_features == "pixels":
-        raise ValueError(f"rule {text} needs features of pixels; the data hold those of patches. Measure it by compare")
+        raise _lack(text, "features of pixels", "those of patches")
     if round_.statistic is not None and wants_of(round_.statistic(1, s)).directions:
-        raise ValueError(f"rule {text} needs directions of samples; the data hold densities. Measure it by compare")
+        raise _lack(text, "directions of samples", "densities")
     used[w] += n
     part = _part(table, begin, n, s)
     tilt = None if round_.tilt is None else float(round_.tilt[0])

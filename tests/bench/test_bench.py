@@ -506,16 +506,22 @@ class Asking(dmis.Rule):
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        ("fixed:light=0.5,brdf=0.3,uniform=0.2", "scores fixed shares of light and BRDF sampling"),
-        ("one-sample:0.5", "has random shares of light and brdf"),
+        (
+            "fixed:light=0.5,brdf=0.3,uniform=0.2",
+            "needs systematic shares of light and brdf and uniform; pilots have fixed shares of light and brdf",
+        ),
+        ("one-sample:0.5", "needs random shares of light and brdf; pilots"),
         ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Asking(lambda b: b.pilot(0.5, 100)), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 oth"),
         (
             Asking(lambda b: replace(b.pilot(0.5, 2), needs_features="pixels")),
-            "needs features of pixels; the data hold",
+            "needs features of pixels; pilots have those of patches",
         ),
-        (Asking(lambda b: b.final(Fit((0.4, 0.4, 0.2)), 0, techniques=THREE)), "samples by light and brdf and uniform"),
+        (
+            Asking(lambda b: b.final(Fit((0.4, 0.4, 0.2)), 0, techniques=THREE)),
+            "needs light and brdf and uniform; pilots",
+        ),
         (Asking(lambda b: b.pilot(0.5, 2, lambda *_: DIRECTIONS)), "needs directions of samples"),
         (Asking(lambda b: b.pilot(0.5, 2)), "must yield a final round"),
         (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),
