@@ -205,25 +205,20 @@ def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
 
 
 def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
-    """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
+    """Return the reference in an EXR file, with layers ``first`` and ``second`` or with one image.
 
     A FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels, or its key
     is not that of `scene` with `settings`. Whether a file without a key is an image of what is compared,
     `dmis.experiment.alarm` finds out.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
-    layers: dict[str, Array] = {}
-    attributes: dict[str, str] = {}
-    if path.suffix == ".npy":
-        try:  # no pickles, no memory for a wrong header
-            layers["RGB"] = np.lib.format.open_memmap(path, mode="r")
-        except Exception as error:  # a damaged header may raise anything
-            raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
-    else:
-        layers, attributes = read_exr(path)
-        if scene is not None and KEY in attributes:
-            _check_key(path, attributes[KEY], expected_image_key(scene, settings or Settings()), scene.name)
+        raise FileNotFoundError(f"there is no reference {path}: give an .exr file")
+    layers, attributes = read_exr(path)
+    if scene is not None and KEY in attributes:
+        key, expected = json.loads(attributes[KEY]), expected_image_key(scene, settings or Settings())
+        if changes := [f"{name} is {key.get(name)}, not {v}" for name, v in expected.items() if key.get(name) != v]:
+            advice = f"Give a reference of scene {scene.name}, or none, and it is rendered"
+            raise ValueError(f"reference {path} does not match: {'; '.join(changes)}. {advice}")
     first = layers.get("first", layers.get("RGB"))
     second = layers.get("second", first)
     for half in (first, second):
@@ -231,15 +226,4 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
             what = "an image of three channels, or halves first and second, of finite numbers"
             raise ValueError(f"reference {path} must hold {what}")
     assert first is not None and second is not None
-    return Reference(np.array(first), np.array(second), int(attributes.get("spp", 0)))
-
-
-def _check_key(path: Path, text: str, expected: Mapping[str, Any], scene: str) -> None:
-    """Raise a ValueError unless the key of a file, as JSON, has the values that are expected."""
-    advice = f"Give a reference of scene {scene}, or none, and it is rendered"
-    try:
-        key = dict(json.loads(text))
-    except (ValueError, TypeError):
-        raise ValueError(f"reference {path} has a key that is not readable, {text[:40]!r}. {advice}") from None
-    if differences := [f"{name} is {key.get(name)}, not {v}" for name, v in expected.items() if key.get(name) != v]:
-        raise ValueError(f"reference {path} does not match: {'; '.join(differences)}. {advice}")
+    return Reference(first, second, int(attributes.get("spp", 0)))
