@@ -113,33 +113,17 @@ class Oracle:
         half, variance = self.mean(self.variance[self.half]), self.mean(_at_index(self.variance, best))
         return float(variance / half * cost) if half > 0 else 1.0
 
-    def spread_evenly(self) -> float:
-        """Return the variance with samples per patch in proportion to its root, over that with even samples.
-
-        That is ``mean(sqrt V)^2 / mean(V)`` at w = 1/2 and equal samples; 1 if there is no variance.
-        """
-        return self.limit_with_counts(slice(self.half, self.half + 1))
-
-    def limit_with_counts(self, allowed: slice = slice(None)) -> float:
+    def limit_with_counts(self) -> float:
         """Return variance times cost with the best weights and allocation, over that with w = 1/2 and even samples.
 
-        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot, with the weights `allowed` in the grid; 1 if there
-        is no variance.
+        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot; 1 if there is no variance.
         """
         half = self.mean(self.variance[self.half])
         if not half > 0:
             return 1.0
         # n ~ sqrt(V / C)   (docs/theory.md, Eq. 20)
-        least = (np.maximum(self.variance, 0) * self.costs)[allowed].min(axis=0)
+        least = (np.maximum(self.variance, 0) * self.costs).min(axis=0)
         return self.mean(np.sqrt(least)) ** 2 / (half * self.mean(self.costs[self.half]))
-
-    def text(self) -> str:
-        """Return a sentence with what the best weights and numbers of samples leave of the error of w = 1/2."""
-        return (
-            f"The best weights leave {self.limit():.3f} of the error of w = 1/2 at equal samples, "
-            f"{self.limit(costly=True):.3f} in equal time; the best numbers of samples {self.spread_evenly():.3f}, "
-            f"both {self.limit_with_counts():.3f}."
-        )
 
     def regret(self, weight: Array) -> Array:
         """Return the variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""

@@ -111,8 +111,8 @@ def test_curves_without_a_saving() -> None:
     for value in (0.0, 2.0):
         oracle = Oracle(np.full((len(GRID), 2, 3), value), np.ones(len(GRID)), 4, 100)
         assert np.isnan(oracle.saving(np.full((8, 12), 0.3)))
-        limits = oracle.limit(), oracle.limit(costly=True), oracle.spread_evenly(), oracle.limit_with_counts()
-        assert limits == pytest.approx((1, 1, 1, 1))
+        limits = oracle.limit(), oracle.limit(costly=True), oracle.limit_with_counts()
+        assert limits == pytest.approx((1, 1, 1))
         assert oracle.harm(np.full((8, 12), 0.3)) == (0, 0)
         assert not oracle.regret(np.full((8, 12), 0.3)).any()
     for least, saving in ((0.995, np.nan), (0.98, -0.5)):  # half a percent is nothing to have a share of
@@ -128,8 +128,9 @@ def test_numbers_of_samples() -> None:
     """
     variance, cost = np.ones((len(GRID), 2, 2)), np.ones(len(GRID))
     oracle = Oracle(variance, cost, 4, 1)
-    assert (oracle.spread_evenly(), oracle.limit_with_counts()) == pytest.approx((1, 1))
+    assert oracle.limit_with_counts() == pytest.approx(1)
     variance[:, 0] = 0
+    assert Oracle(variance, cost, 4, 1).limit_with_counts() == pytest.approx(0.5)
     variance[2], cost[2] = variance[2] / 4, 2
     oracle = Oracle(variance, cost, 4, 1)
-    assert (oracle.spread_evenly(), oracle.limit_with_counts()) == pytest.approx((0.5, 0.25))
+    assert oracle.limit_with_counts() == pytest.approx(0.25)
