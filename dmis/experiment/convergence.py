@@ -12,8 +12,8 @@ from dmis.base.vectors import Array
 from dmis.experiment.metrics import holm_levels, log_ratio
 from dmis.experiment.runs import PINNED, Budget, Run
 
-Axis = Literal["spp", "rays", "seconds"]
-"""Axis that errors are plotted over: camera samples per pixel, rays, or CPU seconds."""
+Axis = Literal["rays", "seconds"]
+"""Axis that errors are plotted over: rays, or CPU seconds."""
 Measure = Literal["relmse", "mse"]
 """Measure of error, a field of `dmis.experiment.runs.Run`."""
 MEASURES: dict[Measure, str] = {"relmse": "relMSE", "mse": "MSE"}
@@ -103,17 +103,16 @@ def median_seconds(runs: Sequence[Run]) -> float:
 
 
 def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis, measure: Measure = "mse") -> tuple[Array, Array]:
-    """Return the points of a rule's line of error against samples, rays or seconds, fewest samples first.
+    """Return the points of a rule's line of error against rays or seconds, fewest samples first.
 
     That is the values on the axis ``(B,)``, medians over seeds of CPU seconds or means of rays, and errors by seed
     ``(K, B)``.
     """
     budgets = [by_seed for (name, _), by_seed in sorted(runs.items(), key=lambda item: item[0][1]) if name == rule]
-    x = {
-        "spp": [by_seed[0].spp for by_seed in budgets],
-        "rays": [np.mean([run.rays for run in by_seed]) for by_seed in budgets],
-        "seconds": [median_seconds(by_seed) for by_seed in budgets],
-    }[axis]
+    if axis == "seconds":
+        x = [median_seconds(by_seed) for by_seed in budgets]
+    else:
+        x = [float(np.mean([run.rays for run in by_seed])) for by_seed in budgets]
     return np.array(x, np.float64), np.array([_errors(by_seed, measure) for by_seed in budgets]).T
 
 

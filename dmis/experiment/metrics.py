@@ -127,8 +127,8 @@ def mean_and_error(values: Array) -> tuple[float, float]:
     return float(values.mean()), float(error)
 
 
-def ratio(values: Array, baseline: Array, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the ratio of two means over the same seeds, and half the width of its confidence interval.
+def ratio(values: Array, baseline: Array) -> tuple[float, float]:
+    """Return the ratio of two means over the same seeds, and half the width of its 95 % confidence interval.
 
     Both are ``(K,)``, such as mean squared errors of two rules by seed; the half-width is `nan` for K = 1. The standard
     error is that of `log_ratio`, times the ratio; the interval is Student's, since seeds are few.
@@ -137,7 +137,7 @@ def ratio(values: Array, baseline: Array, confidence: float = 0.95) -> tuple[flo
 
     logarithm, error = log_ratio(values, baseline)
     quotient = float(np.exp(logarithm))
-    return quotient, quotient * error * float(t.ppf((1 + confidence) / 2, max(1, len(values) - 1)))
+    return quotient, quotient * error * float(t.ppf(0.975, max(1, len(values) - 1)))
 
 
 def log_ratio(values: Array, baseline: Array) -> tuple[float, float]:

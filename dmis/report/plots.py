@@ -30,7 +30,7 @@ INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
 LINES: tuple[tuple[Axis, Measure], ...] = (("seconds", "relmse"), ("seconds", "mse"), ("rays", "mse"))
 """Axis and measure of each plot of a comparison."""
-AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "CPU seconds"}
+AXIS_LABELS: dict[Axis, str] = {"rays": "rays", "seconds": "CPU seconds"}
 
 
 def error_lines(
@@ -40,7 +40,7 @@ def error_lines(
     ink: str = "0.35",
     measure: Measure = "mse",
 ) -> None:
-    """Draw the root of the error of every rule over samples, rays or seconds, log-log.
+    """Draw the root of the error of every rule over rays or seconds, log-log.
 
     Lines are the root of the mean over seeds, bands go from the lowest to the highest seed. Dotted: the slope of
     N^-1/2.

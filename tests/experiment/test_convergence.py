@@ -66,7 +66,7 @@ def test_each_measure_has_ratios_of_its_own(runs):
         expected = (3, 0.5) if g.rule == "rule" else (1, 1)
         assert [m.over_balance.value for m in g.measures] == pytest.approx(expected)
         assert [m.error_time.value for m in g.measures] == pytest.approx(expected) and not wins(g)
-        assert line(mixed, "rule", "spp", "relmse")[1][0] == pytest.approx([3 / 8, 3 / 32, 3 / 128])
+        assert line(mixed, "rule", "rays", "relmse")[1][0] == pytest.approx([3 / 8, 3 / 32, 3 / 128])
 
 
 def test_ratios_to_the_pinned_baseline(runs):
