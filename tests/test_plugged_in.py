@@ -23,11 +23,7 @@ from dmis.fit.round import Round
 from dmis.geometry.shapes import quad
 from dmis.light.delta import PointLight
 from dmis.samplers.streams import SAMPLERS, Independent
-from dmis.testing.light_checks import check_light
-from dmis.testing.lobe_checks import check_lobe
-from dmis.testing.sampler_checks import check_sampler
 from dmis.testing.scenes import ABOVE, box_scene
-from dmis.testing.technique_checks import check_technique
 
 NAN = np.float32(np.nan)
 WALL = quad((2, -4, 0), (0, 8, 0), (0, 0, 8))
@@ -321,19 +317,3 @@ def test_lost_light_is_refused(changes: dict[str, Any], message: str) -> None:
     round_ = replace(round_, settings=settings)
     with pytest.raises(ValueError, match=message) if message else nullcontext():
         round_.checked((4, 4))
-
-
-@pytest.mark.parametrize(
-    ("check", "item"),
-    [
-        (check_lobe, with_fault(Lambert, "sample", fails)(0.5)),
-        (check_light, with_fault(HalfSky, "sample", fails)()),
-        (check_sampler, with_fault(Independent, "draw", fails)),
-        (check_technique, replace(BRDF, name="mine", rays="mine", sample=fails)),
-    ],
-)
-def test_checks_name_the_method(check: Callable[[Any], Any], item: Any) -> None:
-    """``dmis check`` says what fails in which line."""
-    (failed,) = check(item)
-    assert not failed.passed and "mine" in failed.name.lower()
-    assert "fails raised ZeroDivisionError: division by zero (test_plugged_in.py, line " in failed.message

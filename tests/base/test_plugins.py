@@ -100,11 +100,6 @@ def test_a_plugin_without_a_rule_is_named(tmp_path: Path, capsys: pytest.Capture
         ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: .*"),
         (
             "my_rules.py",
-            "a = 1\nb = = 2\n",
-            r"plugin .*my_rules\.py: SyntaxError: invalid syntax \(my_rules\.py, line 2\)",
-        ),
-        (
-            "my_rules.py",
             "\n\n1 / 0\n",
             r"plugin .*: <module> raised ZeroDivisionError: division by zero \(my_rules\.py, line 3\)",
         ),

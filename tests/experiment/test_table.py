@@ -142,27 +142,21 @@ def test_no_rule_of_ones_own_is_called_pinned():
         dmis.register_rule("pinned", Fixed)
 
 
-@pytest.mark.parametrize("change", ["resolution", "reference", "parallel", "camera", "settings"])
-def test_other_conditions_are_refused(box, reference, tmp_path, change):
+def test_other_conditions_are_refused(box, reference, tmp_path):
     """With the name of what differs; the table is left as it is."""
     about = conditions(box, reference, 1)
     Results(tmp_path, about).append(RUN)
     before = (tmp_path / "results.csv").read_bytes()
     camera = dmis.Camera.look_at((0, -7, 2), (0, 0, -0.2), fov=40, resolution=(32, 24))
-    found, told = {
-        "resolution": ({**about, "resolution": [9, 9]}, "resolution was [32, 24], now is [9, 9]"),
-        "reference": (conditions(box, replace(reference, second=reference.first), 1), "reference was"),
-        "parallel": (conditions(box, reference, 2), "parallel was 1 thread, now is 2 threads"),
-        "camera": (conditions(replace(box, camera=camera), reference, 1), "scene_hash was"),
-        "settings": (
-            conditions(box, reference, 1, dmis.Settings(sampler="stratified")),
-            "sampler was sobol, now is stratified",
-        ),
-    }[change]
-    with pytest.raises(ValueError, match="measured under other conditions") as error:
-        Results(tmp_path, found)
-    assert told in str(error.value) and "choose another directory" in str(error.value)
-    assert (tmp_path / "results.csv").read_bytes() == before
+    for found, told in (
+        (conditions(box, replace(reference, second=reference.first), 1), "reference was"),
+        (conditions(box, reference, 2), "parallel was 1 thread, now is 2 threads"),
+        (conditions(replace(box, camera=camera), reference, 1), "scene_hash was"),
+        (conditions(box, reference, 1, dmis.Settings(sampler="stratified")), "sampler was sobol, now is stratified"),
+    ):
+        with pytest.raises(ValueError, match=f"measured under other conditions: .*{told}.*; .* choose another"):
+            Results(tmp_path, found)
+        assert (tmp_path / "results.csv").read_bytes() == before
 
 
 def test_another_rule_of_the_same_name_is_refused(write, monkeypatch):
@@ -181,7 +175,6 @@ def test_another_rule_of_the_same_name_is_refused(write, monkeypatch):
 @pytest.mark.parametrize(
     "name, data, message",
     [
-        ("results.csv", "scene,rule\nbox,balance\n", "cannot be read in line 1 (its columns must be scene,rule,spp"),
         ("results.csv", f"{','.join(COLUMNS)}\nbox,balance,8\n", "cannot be read in line 2 ("),
         ("results.csv", f"{','.join(COLUMNS)}\n{','.join('x' * 18)}\n", "cannot be read in line 2 (invalid literal"),
         ("comparison.json", "[1]", "has no readable comparison.json"),

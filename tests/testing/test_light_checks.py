@@ -43,32 +43,16 @@ MASS, SEES = (
 )
 FAULTS: dict[str, tuple[type, str, Callable[..., Any], str, str]] = {
     "pdf": (Panel, "hit", MORE, PDF, MASS + "1.0[67]"),
-    "pdf of a sky": (HalfSky, "hit", MORE, PDF, MASS + "1.07"),
     "pdf without cosine": (Panel, "hit", pdf(lambda s: np.abs(s.wi[2])), PDF, MASS + "0.96"),
     "pdf of sample alone": (Panel, "sample", MORE, RENDERS, "must return the same light samples"),
     "radiance of sample alone": (Panel, "sample", brighter, RENDERS, "must return the same light samples"),
-    "emits on the wrong side": (
-        Panel,
-        "hit",
-        lambda s, *_: replace(s, emits=(s.pdf > 0) & (s.wi[2] < 0)),
-        CAMERA,
-        SEES + ".* hit reports 0, .*normals of mesh",
-    ),
     "winding": (Panel, "mesh", lambda *_: quad((-1, -1, 2), (2, 0, 0), (0, 2, 0)), CAMERA, SEES + ".* hit reports 0,"),
-    "mesh elsewhere": (Panel, "mesh", lambda *_: quad((-1, -1, 2.3), (0, 2, 0), (2, 0, 0)), CAMERA, SEES),
     "emission": (
         Panel,
         "hit",
         lambda s, *_: replace(s, radiance=np.full((3, 1), 4, np.float32)),
         CAMERA,
         SEES + ".* up to 8, .* up to 4 .*emission",
-    ),
-    "emission, 5 % less": (
-        Panel,
-        "hit",
-        lambda s, *_: replace(s, radiance=s.radiance * np.float32(1.05)),
-        CAMERA,
-        SEES,
     ),
     "emission turned": (
         Panel,
@@ -80,7 +64,6 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any], str, str]] = {
         SEES,
     ),
     "brightness": (Panel, "brightness", lambda *_: 4.0, CAMERA, r"^brightness.. returns 4, but .* 8"),
-    "distance": (Panel, "sample", lambda s, *_: replace(s, distance=s.distance * 2), RENDERS, "same light samples"),
     "no mesh": (Panel, "mesh", lambda *_: None, "accepts", "must have a visible surface"),
     "falloff of 1 / d": (
         PointLight,

@@ -79,16 +79,6 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         "an image of a black floor: Mine: a rule's weight must be in .*; got nan",
     ),
     "fit raises": (rule(lambda brdf, light: brdf / "x"), REFUSED, "<lambda> raised TypeError: "),
-    "sum of shares": (
-        yielding(lambda budget, final, first: replace(final, shares=np.full(2, 0.9))),
-        REFUSED,
-        "shares of a round must add up to 1 over the techniques",
-    ),
-    "map of another shape": (
-        yielding(lambda budget, final, first: replace(final, spp=np.full((8, 16), 28))),
-        REFUSED,
-        r"spp of a round must be of shape \(\) or \(16, 16\)",
-    ),
     "bias": (yielding(joined), RENDERS, "spp of the last Round depends on the samples that it is joined to"),
     "rounds raise": (yielding(raising), REFUSED, r"raising raised IndexError: no more \(test_rule_checks.py, line "),
     "no rule": (3, REFUSED, "rule must be a rule, or text such as thesis:patch=16; got 3"),

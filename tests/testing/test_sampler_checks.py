@@ -71,11 +71,6 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         SAME + r" \(51% of them",
     ),
     "one pixel": (changed(Sobol, __init__=one_shift), UNIFORM, "pixels have the same numbers .100% of them"),
-    "number ignored": (
-        changed(Sobol, draw=lambda self, draw, key, index, number=None: draw(key, index)),
-        UNIFORM,
-        r"draw\(\(1, 0\), None, number\): " + SAME,
-    ),
     "sample of block ignored": (
         changed(Sobol, draw_block=lambda self, draw, key, index, sample, count: draw(key, index, 0, count)),
         UNIFORM,
