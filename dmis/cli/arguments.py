@@ -137,7 +137,8 @@ AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the
 SPP_LIST = _numbers("whole numbers of at least 1, separated by commas", 1, 2**63, range(1, 2**16))
 CROP = _numbers("x0,y0,x1,y1 in pixels, such as 0,0,64,48", 0, MAX_SIDE, (4,))
 ALBEDO = _numbers("one number from 0 to 1, or four separated by commas", 0, 1, (1, 4), parse=float)
-WORKERS, SEED = _number(1, MAX_WORKERS), _number(0, 2**63)
+WORKERS = _number(1, MAX_WORKERS)
+SEED = _number(0, 2**63)
 THREADS = {"--threads": _option("number of threads (default: one per processor)", WORKERS, group="executor")}
 QUIET = {"--quiet": _flag("print warnings and errors only", "output")}
 VERBOSE = {"--verbose": _flag("also print the scene's plan, rays and seconds, or a line for each render", "output")}

@@ -48,14 +48,15 @@ def doctor(options: argparse.Namespace) -> int:
 
 def bench_rules(options: argparse.Namespace) -> int:
     """Run ``bench-rules`` and return its exit code."""
-    scenes, seeds, scores = options.scenes.split(",") if options.scenes else SCENES, range(options.seeds), {}
+    scenes = options.scenes.split(",") if options.scenes else SCENES
+    scores = {}
     for scene in scenes:  # before the rules, whose errors name their file
         read_truth(path_of(scene))
     rules = [(text, *item) for text in options.rules for item in rules_of(text).items()]
     rules = rules or [("", *item) for item in BASELINES.items()]
     for text, name, rule in rules:
         try:
-            scores[name] = score(rule, scenes, seeds)
+            scores[name] = score(rule, scenes, range(options.seeds))
         except Exception as error:
             if not text.endswith(".py"):
                 raise
@@ -68,14 +69,14 @@ def rules_of(text: str) -> dict[str, Any]:
     """Return by name the rule of a text; or of a Python file its ``rule``, or else what it registers."""
     if not text.endswith(".py"):
         return {text: text}
-    before, name = set(RULES), Path(text).stem
+    before = set(RULES)
     rule = getattr(load_plugin(text), "rule", None)
-    rules = (
-        {registered: registered for registered in RULES if registered not in before} if rule is None else {name: rule}
-    )
-    if not rules:
+    if rule is not None:
+        return {Path(text).stem: rule}
+    registered = [name for name in RULES if name not in before]
+    if not registered:
         raise ValueError(
             f"{text} must define a function rule(tables) that returns shares (height, width), set rule to a dmis.Rule, "
             f"or call dmis.register_rule; it does none of these"
         )
-    return rules
+    return dict(zip(registered, registered, strict=True))

@@ -110,8 +110,8 @@ class Oracle:
         """
         best = self.best_index(costly)
         cost = self.mean(_at_index(self.costs, best)) / self.mean(self.costs[self.half]) if costly else 1.0
-        half, variance = self.mean(self.variance[self.half]), self.mean(_at_index(self.variance, best))
-        return float(variance / half * cost) if half > 0 else 1.0
+        half = self.mean(self.variance[self.half])
+        return float(self.mean(_at_index(self.variance, best)) / half * cost) if half > 0 else 1.0
 
     def limit_with_counts(self) -> float:
         """Return variance times cost with the best weights and allocation, over that with w = 1/2 and even samples.

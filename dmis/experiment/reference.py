@@ -215,7 +215,8 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
         raise FileNotFoundError(f"there is no reference {path}: give an .exr file")
     layers, attributes = read_exr(path)
     if scene is not None and KEY in attributes:
-        key, expected = json.loads(attributes[KEY]), expected_image_key(scene, settings or Settings())
+        key = json.loads(attributes[KEY])
+        expected = expected_image_key(scene, settings or Settings())
         if changes := [f"{name} is {key.get(name)}, not {v}" for name, v in expected.items() if key.get(name) != v]:
             advice = f"Give a reference of scene {scene.name}, or none, and it is rendered"
             raise ValueError(f"reference {path} does not match: {'; '.join(changes)}. {advice}")

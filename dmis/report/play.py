@@ -58,7 +58,8 @@ def page_of(measures: Mapping[str, Oracle], image: Array, thesis: Array, scene: 
 
     `image` is linear RGB ``(H, W, 3)``, and `thesis` the share map of the thesis's rule, ``(H, W)``.
     """
-    curves, maps = measures["absolute"], {}
+    maps = {}
+    curves = measures["absolute"]
     even, w = np.ones_like(curves.pixel_share), patch_mean(thesis, curves.patch)
     for name, judge in measures.items():
         named = {

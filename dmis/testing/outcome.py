@@ -80,5 +80,5 @@ def line(outcome: Outcome) -> str:
 
 def summary(outcomes: Sequence[Outcome]) -> str:
     """Return the number of checks that failed, or that all passed."""
-    failed, count = sum(not outcome.passed for outcome in outcomes), len(outcomes)
-    return f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"
+    failed = sum(not outcome.passed for outcome in outcomes)
+    return f"{failed} of {len(outcomes)} checks failed" if failed else f"all {len(outcomes)} checks passed"

@@ -45,7 +45,8 @@ def _checks(rule: Rule | str, name: str) -> Iterator[Check]:
 
 def _spp(rule: Rule | str) -> int:
     """Return the camera samples per pixel of each render, so many that the rule learns."""
-    spp, made = SPP, make_rule(rule)
+    made = make_rule(rule)
+    spp = SPP
     while spp < made.least_spp or spp <= made.pilot_samples(spp):
         spp *= 2
     return spp
