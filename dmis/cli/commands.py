@@ -51,15 +51,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
     """Return what an interrupted command has saved, and the command that resumes it."""
-    if options.command not in ("render", "compare", "play"):
-        return ""
-    if options.command != "render":
+    if options.command in ("compare", "play"):
         from dmis.experiment.reference import cache_folder
 
-        renders = f"finished renders are kept in {options.output}, " if options.command == "compare" else ""
-        return (
-            f"; {renders}finished tiles of references and oracles in {cache_folder()}. Run the same command to resume."
-        )
+        kept = f"finished renders are kept in {options.output}, " if options.command == "compare" else ""
+        return f"; {kept}finished tiles of references and oracles in {cache_folder()}. Run the same command to resume."
+    if options.command != "render":
+        return ""
     command = shlex.join(["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)])
     if options.checkpoint is not None:
         return f"; finished tiles are kept in {options.checkpoint}. Run the same command to resume.\n  {command}"

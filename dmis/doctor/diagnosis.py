@@ -13,7 +13,7 @@ import numpy as np
 from dmis.bench.samples import SampleTable
 from dmis.doctor.causes import Cause, name_causes, smallest_factors
 from dmis.doctor.evidence import joint_test
-from dmis.doctor.means import LEAST_ROWS, Test, smallest_visible, tests, z_limit
+from dmis.doctor.means import LEAST_ROWS, Test, tests, z_limit
 from dmis.doctor.table import read_table
 
 UNEXPLAINED = 1e-3
@@ -97,12 +97,12 @@ class Diagnosis:
     def _evidence(self) -> Iterator[str]:
         """Yield lines about the tests."""
         yield "light samples against BRDF samples, and weights w = 1, 0 against 1/2 (docs/doctor.md):"
-        yield f"  {'test':8} {'rows':18} {'difference':>10} {'z':>7}  smallest that would be seen"
+        yield f"  {'test':8} {'rows':18} {'difference':>10} {'z':>7}"
         for test in self.largest(SHOWN):
-            seen = f"{smallest_visible(test, self.limit):.1%}" if test.trusted else "too few samples to tell"
+            note = "" if test.trusted else "  too few samples to tell"
             if test.trusted and abs(test.difference) == 2:
-                seen = f"{'BRDF' if test.difference > 0 else 'light'} sampling never draws these, though its pdf does"
-            yield f"  {test.name:8} {test.where:18} {test.difference:+10.2%} {test.z:+7.1f}  {seen}"
+                note = f"  {'BRDF' if test.difference > 0 else 'light'} sampling never draws these, though its pdf does"
+            yield f"  {test.name:8} {test.where:18} {test.difference:+10.2%} {test.z:+7.1f}{note}"
         few = f"fewer than {LEAST_ROWS:.0f} rows of a technique expected"
         count = sum(test.trusted for test in self.tests)
         yield f"  limit of abs(z): {self.limit:.1f} for {count} tests; {len(self.tests) - count} left out: {few}"

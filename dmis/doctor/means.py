@@ -30,8 +30,6 @@ from dmis.doctor.table import DoctorTable
 
 LEVEL = 0.01
 """Probability that any test of a right table alarms."""
-POWER = 0.9
-"""Probability with which the smallest fault is found that a test is said to see."""
 SPAN = 8.0
 """Largest ratio of the densities in the tests of w = 0 and w = 1."""
 LEAST_ROWS = 50.0
@@ -71,11 +69,6 @@ class Test(NamedTuple):
 def z_limit(tests: int) -> float:
     """Return the limit of ``|z|`` of each of so many tests."""
     return -NormalDist().inv_cdf(-np.expm1(np.log1p(-LEVEL) / tests) / 2)
-
-
-def smallest_visible(test: Test, limit: float) -> float:
-    """Return the relative difference that the test finds with probability `POWER`."""
-    return (limit + NormalDist().inv_cdf(POWER)) * test.error
 
 
 def expected_rows(h: Array, g: Array | float, side: Array, parts: int) -> Array:
