@@ -1,4 +1,4 @@
-"""Oracle: converged variance curves of an image, the best weights by them, and the regret of other weights.
+"""Oracle: converged variance curves of an image, the best weights by them, and the harm of other weights.
 
 The curves V(w) give the error of any share map without rendering it; `dmis.experiment.oracle_renders` makes them.
 """
@@ -16,8 +16,6 @@ from dmis.variance.curves import GRID
 
 HARM_LIMIT = 1.02
 """Ratio of the variance of a weight to that of w = 1/2 above which the weight counts as harmful."""
-LEAST_SAVING = 0.01
-"""Least saving of the best weights, over the variance of w = 1/2, that is shared out: less is noise of the curves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +91,6 @@ class Oracle:
         w = patch_mean(np.asarray(weight), self.patch) if np.ndim(weight) else np.full((rows, columns), float(weight))
         return between(self.variance, w)
 
-    def saving(self, weight: Array) -> float:
-        """Return the share of the best weights' saving over w = 1/2 that a share map reaches.
-
-        It is 1 for the oracle and 0 for w = 1/2; NaN if the best weights save less than `LEAST_SAVING`.
-        """
-        limit = self.limit()
-        if limit >= 1 - LEAST_SAVING:
-            return float("nan")
-        return (1 - self.mean(self.at(weight)) / self.mean(self.variance[self.half])) / (1 - limit)
-
     def limit(self, costly: bool = False) -> float:
         """Return the variance of the image with the best weights over that with w = 1/2, at equal samples.
 
@@ -124,11 +112,6 @@ class Oracle:
         # n ~ sqrt(V / C)   (docs/theory.md, Eq. 20)
         least = (np.maximum(self.variance, 0) * self.costs).min(axis=0)
         return self.mean(np.sqrt(least)) ** 2 / (half * self.mean(self.costs[self.half]))
-
-    def regret(self, weight: Array) -> Array:
-        """Return the variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
-        excess, half = self.at(weight) - self.variance.min(axis=0), self.variance[self.half]
-        return np.divide(excess, half, out=np.zeros_like(excess), where=half > 0)
 
     def harm(self, weight: Array) -> tuple[float, float]:
         """Return the share of lit patches that a share map harms, and its standard error; 0 if no patch is lit.

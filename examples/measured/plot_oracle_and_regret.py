@@ -39,16 +39,21 @@ for column, name in zip(axes.T, SCENES, strict=True):
     height, width = oracle.variance.shape[1:]
     covered = 0, 0, width * oracle.patch, height * oracle.patch
     shown = plot.weights(column[1], oracle.best(), "", covered)
-    best = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
+    half, least = oracle.variance[HALF], oracle.variance.min(axis=0)
+    best = least.sum() / half.sum()
     sentence = [f"{name}: best {best:.2f} of w = 1/2"]
     for axis, (title, rule) in zip(column[2:], RULES.items(), strict=True):
         weight = dmis.render(scene, rule, 8, seed=1, **same).weight
         harm, error = oracle.harm(weight)
-        share = oracle.saving(weight)
-        saving = "nothing to save" if np.isnan(share) else f"saving {share:.0%}"
+        variance = oracle.at(weight)
+        left = oracle.mean(variance) / oracle.mean(half)
+        limit = oracle.limit()
+        share = (1 - left) / max(1 - limit, 1e-9)
+        saving = f"saving {share:.0%}" if limit < 0.99 else "nothing to save"
         style = {"cmap": "magma", "vmin": 0, "vmax": 1}
         text = f"{saving}\nharm {harm:.0%}"
-        regret = plot.heat(axis, oracle.regret(weight), text, covered, **style)
+        excess = (variance - least) / np.maximum(half, 1e-30)
+        regret = plot.heat(axis, excess, text, covered, **style)
         sentence.append(f"{title}: {saving}, harm in {harm:.1%} ± {error:.1%}")
     captions.append("; ".join(sentence))
     print(captions[-1], flush=True)
