@@ -13,13 +13,8 @@ from pathlib import Path
 def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
     """Check that a file of `size` bytes can be written, before its contents are computed.
 
-    Raises
-    ------
-    OSError
-        If it cannot: the directory does not exist or is write-protected, the disk is full, the name is too long, or the
-        path is that of a directory.
-    ValueError
-        If the path is not UTF-8.
+    An OSError if the directory does not exist or is write-protected, the disk is full, the name is too long, or the
+    path is that of a directory; a ValueError if it is not UTF-8.
     """
     path = Path(path)
     try:
@@ -46,10 +41,7 @@ def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
 def check_folder(path: str | os.PathLike[str]) -> None:
     """Check that files can be written into a folder, which may not exist yet, before their contents are computed.
 
-    Raises
-    ------
-    OSError
-        If the folder, or the nearest existing one above it, is write-protected or a file.
+    An OSError if the folder, or the nearest existing one above it, is write-protected or a file.
     """
     path = Path(path)
     nearest = next(folder for folder in (path.resolve(), *path.resolve().parents) if folder.exists())

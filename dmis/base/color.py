@@ -79,12 +79,7 @@ def blackbody_to_rgb(temperature: float, scale: float = 1.0, at: float = 555.0) 
 def read_spd(path: str | os.PathLike[str]) -> tuple[Floats, Floats]:
     """Read wavelengths and values ``(N,)`` from a text file of pairs ``wavelength value``; ``#`` begins a comment.
 
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the file holds anything but an even number of numbers; the message names the file.
+    A FileNotFoundError if there is no such file, a ValueError if it holds anything but an even number of numbers.
     """
     path = Path(path)
     if not path.is_file():

@@ -22,15 +22,7 @@ T = TypeVar("T")
 def whole(name: str, value: Any, least: float = -inf, most: float = inf, more: str = "") -> int:
     """Return `value` as an int, if it is a whole number from `least` to `most`, such as 8, 8.0 or ``np.int64(8)``.
 
-    Parameters
-    ----------
-    more
-        Text that the message adds after the range: the reason, or what else is allowed.
-
-    Raises
-    ------
-    ValueError
-        If it is not a whole number, or out of range; the message calls it `name`.
+    Else a ValueError calls it `name`; its message has `more` after the range: the reason, or what else is allowed.
     """
     plain = _plain(value)
     if isinstance(plain, float) and plain.is_integer():
@@ -191,10 +183,7 @@ def check_methods(value: object, protocol: type, names: Iterable[str]) -> None:
 def check_package(module: str, purpose: str, install: str) -> None:
     """Check that the package that writes a result can be imported, before the result is computed.
 
-    Raises
-    ------
-    ValueError
-        If it cannot; the message ends with `install`, the command that installs it.
+    A ValueError if it cannot; its message ends with `install`, the command that installs it.
     """
     try:
         importlib.import_module(module)
