@@ -202,14 +202,3 @@ def test_flip_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "flip_evaluator", None)
     with pytest.raises(ImportError, match=r"pip install 'dmis\[flip\]'"):
         flip(np.ones((4, 4, 3)), np.ones((4, 4, 3)))
-
-
-def test_images_of_bright_pixels_have_errors_of_their_own(made: tuple[Comparison, Path]) -> None:
-    """The map of an image whose error is planted in one pixel has it there alone, whatever the measure."""
-    comparison, _ = made
-    truth = comparison.reference.mean.astype(np.float32)
-    exact = replace(comparison.reference, first=truth, second=truth)
-    image = truth.copy()
-    image[3, 5] += 1
-    for metric in ("mse", "relmse"):
-        assert np.argwhere(figure.error_map(image, exact, metric) > 0).tolist() == [[3, 5]]
