@@ -180,7 +180,7 @@ COMMANDS: Mapping[str, Command] = {
         **AS_IN_FILE,
         "--reference": _option(".exr file (default: rendered once, then cached)", Path, metavar="REF"),
         "--reference-spp": _option("camera samples per pixel of each half of a reference (default 1024)", int, 1024),
-        "--crop": _option("window of the errors in pixels, x1 and y1 excluded", CROP, metavar="x0,y0,x1,y1"),
+        "--crop": _option("window that is rendered and compared, in pixels", CROP, metavar="x0,y0,x1,y1"),
         **THREADS,
         **QUIET,
         **VERBOSE,

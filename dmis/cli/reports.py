@@ -9,6 +9,7 @@ from typing import Any
 
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.validate import check_package, one_of
+from dmis.base.window import window_area
 from dmis.cli.shared import check_page, describe, load, progress_bar, say, settings_of
 from dmis.experiment.reference import load_reference, make_reference
 from dmis.experiment.table import Comparison, read_comparison
@@ -56,9 +57,10 @@ def _print_run(rule: str, done: int, total: int) -> None:
     say(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}")
 
 
-def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> Comparison:
+def _compare_scene(options: argparse.Namespace, whole: Scene, output: Path) -> Comparison:
     """Compare the rules on a scene, write the results into the folder `output`, and return the comparison."""
     rules = parse_rules(options.rules)
+    scene = whole if options.crop is None else whole.crop(options.crop)
     spp = options.spp or [(scene.suggested.spp if options.as_in_file else None) or DEFAULT_SPP]
     if options.verbose:
         say(describe(scene))
@@ -66,13 +68,14 @@ def _compare_scene(options: argparse.Namespace, scene: Scene, output: Path) -> C
         settings = settings_of(options, scene)
         of_renders: dict[str, Any] = {"settings": settings, "parallel": options.threads, "progress": progress}
         if options.reference is not None:
-            reference = load_reference(options.reference, scene, settings)
+            reference = load_reference(options.reference, whole, settings)
+            reference = reference.cropped(window_area(options.crop, whole.camera.resolution))
         else:
             reference = make_reference(scene, options.reference_spp, **of_renders)
         if options.verbose:
             of_renders["progress"] = _print_run
         seeds = range(options.seed, options.seed + options.seeds)
-        comparison = compare_rules(scene, rules, spp, seeds, reference, output, crop=options.crop, **of_renders)
+        comparison = compare_rules(scene, rules, spp, seeds, reference, output, **of_renders)
     for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
         pilot = sum(make_rule(rule).pilot.values())
         why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"

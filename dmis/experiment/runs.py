@@ -16,7 +16,6 @@ from itertools import product
 from typing import Any
 
 from dmis.base.validate import whole
-from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
@@ -117,7 +116,7 @@ def measure(
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
     options
         ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
-        `dmis.pipeline.render.render`. ``crop``: window of the errors (`dmis.base.window.window_area`).
+        `dmis.pipeline.render.render`.
 
     Returns
     -------
@@ -131,7 +130,7 @@ def measure(
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
     turns = [(rule, spp, seed) for seed, (rule, spp) in product(seed_list(seeds), runs)]
     finished = {(run.rule, run.spp, run.seed): run for run in done}
-    missing, crop = [turn for turn in turns if turn not in finished], options.pop("crop", None)
+    missing = [turn for turn in turns if turn not in finished]
     alarmed: set[str] = set()
     renders = _renders(scene, missing, **options)
     with reporting(progress, "renders") as report:
@@ -139,7 +138,7 @@ def measure(
             run = finished.get(turn)
             if run is None:
                 result, cpu_seconds = next(renders)
-                run = _run(turn, result, cpu_seconds, reference, crop)
+                run = _run(turn, result, cpu_seconds, reference)
                 if record:
                     record(run, result)
             if run.rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
@@ -206,15 +205,13 @@ def _rule_and_settings(turn: Turn, settings: Settings) -> tuple[str, Settings]:
     return "balance", make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
 
 
-def _run(turn: Turn, result: Result, cpu_seconds: float, reference: Reference, crop: Sequence[int] | None) -> Run:
+def _run(turn: Turn, result: Result, cpu_seconds: float, reference: Reference) -> Run:
     """Return the time and error of a result."""
     pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
-    area = window_area(crop, result.image.shape[1::-1])
-    image, reference = result.image[area], reference.cropped(area)
-    mse, mse_error = mean_over_blocks(squared_error(image, reference))
-    mean_z = alarm.mean_z(image, reference, turn[1])
+    mse, mse_error = mean_over_blocks(squared_error(result, reference))
+    mean_z = alarm.mean_z(result.image, reference, turn[1])
     return Run(
-        *turn, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(image, reference), cpu_seconds,
+        *turn, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(result, reference), cpu_seconds,
         mean_z,
     )  # fmt: skip
 

@@ -23,7 +23,6 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import naming, replacing
 from dmis.base.vectors import Array
-from dmis.base.window import window_area
 from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, Measure
@@ -56,10 +55,9 @@ def conditions(
     reference: Reference,
     parallel: Parallel = None,
     settings: Settings | None = None,
-    crop: Sequence[int] | None = None,
     rules: Iterable[str] = (),
 ) -> dict[str, Any]:
-    """Return what all rows of a table must share: scene, reference, crop, settings, executor, and all code.
+    """Return what all rows of a table must share: scene, reference, settings, executor, and all code.
 
     A rule has a hash of its options, and of its class, sampler and techniques if dmis does not ship these.
     """
@@ -71,7 +69,6 @@ def conditions(
         "scene_hash": fingerprint(scene),
         "resolution": scene.camera.resolution,
         "reference": hashlib.sha256(np.stack([reference.first, reference.second]).tobytes()).hexdigest()[:16],
-        "crop": crop,
         "parallel": describe_parallel(parallel),
         **sampling_hashes(vars(settings)),
         **asdict(settings),
@@ -224,24 +221,13 @@ class Comparison:
         """Name of the scene."""
         return str(self.about["scene"])
 
-    @property
-    def area(self) -> tuple[slice, slice]:
-        """Rows and columns of the image of which errors were measured."""
-        return window_area(self.about.get("crop"), self.reference.first.shape[1::-1])
-
-    @property
-    def window(self) -> Reference:
-        """Reference of `area`."""
-        return self.reference.cropped(self.area)
-
     @cached_property
     def concentrated(self) -> dict[Measure, float]:
         """Measures by which 1 % of the pixels of balance's image have most of the error, with their share of it."""
         image = self.pictures.get(("balance", max(spp for _, spp in self.runs)))
         if image is None:
             return {}
-        shown = image["RGB"][self.area]
-        errors = relative_error(shown, self.window), squared_error(shown, self.window)
+        errors = (of(image["RGB"], self.reference) for of in (relative_error, squared_error))
         shares = zip(MEASURES, map(share_of_few, errors), strict=True)
         return {measure: share for measure, share in shares if share > FEW_LIMIT}
 
@@ -257,7 +243,7 @@ class Comparison:
     def alarms(self) -> list[str]:
         """Return lines about a reference that is too noisy, images with another mean, and costly pilots; or ""."""
         errors = (float(np.mean([run.mse for run in by_seed])) for by_seed in self.runs.values())
-        noise = alarm.reference_noise(self.window, errors)
+        noise = alarm.reference_noise(self.reference, errors)
         means = alarm.summary(run for by_seed in self.runs.values() for run in by_seed)
         pilots = {budget: costly_pilot(provenance) for budget, provenance in self.provenance.items()}
         return [noise, means, *(f"{rule} at {spp} spp: {text}." for (rule, spp), text in pilots.items() if text)]

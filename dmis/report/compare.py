@@ -11,7 +11,6 @@ from typing import Any
 
 from dmis.base.atomic_files import check_folder, check_writable
 from dmis.base.validate import check_package, whole
-from dmis.base.window import window_area
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.reference import Reference, make_reference
 from dmis.experiment.runs import PINNED, measure, seed_list
@@ -81,7 +80,6 @@ def compare(
     reference: Reference | None = None,
     folder: str | os.PathLike[str] | None = None,
     *,
-    crop: Sequence[int] | None = None,
     progress: Progress | bool | None = None,
     **options: Any,
 ) -> Comparison:
@@ -101,7 +99,7 @@ def compare(
         Image that errors are measured against; None: `dmis.make_reference` of 1024 samples per pixel.
     folder
         Output directory; an existing comparison in it is resumed. None: one with the scene's name.
-    crop, progress, options
+    progress, options
         See `dmis.experiment.runs.measure`.
 
     Raises
@@ -113,17 +111,16 @@ def compare(
     """
     parallel = options.pop("parallel", None)
     settings, folder = make_settings(**options), Path(scene.name if folder is None else folder)
-    window_area(crop, scene.camera.resolution)
     rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, settings)
     check_output(folder)
     reference = reference or make_reference(scene, 1024, settings=settings, parallel=parallel, progress=progress)
-    results = Results(folder, conditions(scene, reference, parallel, settings, crop, rules))
+    results = Results(folder, conditions(scene, reference, parallel, settings, rules))
     reference.save(folder / REFERENCE)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if make_rule(rule).pilot_samples(n) < n]
     measure(
         scene, [*pinned, *budgets], seeds, reference, done=results.finished(), record=results.append,
-        progress=progress, crop=crop, parallel=parallel, settings=settings,
+        progress=progress, parallel=parallel, settings=settings,
     )  # fmt: skip
     in_order = sorted(dict.fromkeys([*budgets, *pinned]), key=lambda budget: spp.index(budget[1]))
     runs = {budget: [results.runs[*budget, seed] for seed in seeds] for budget in in_order}

@@ -65,7 +65,7 @@ def contestants(comparison: Comparison, rules: Sequence[str] = (), metric: str =
     for rule in rules or by_rule:
         image = comparison.pictures[rule, spp]["RGB"]
         errors = error_map(image, comparison.reference, metric)
-        chosen.append(Contestant(rule, image, errors, _lines(by_rule[rule], metric, errors[comparison.area])))
+        chosen.append(Contestant(rule, image, errors, _lines(by_rule[rule], metric, errors)))
     return chosen
 
 

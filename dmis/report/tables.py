@@ -152,7 +152,7 @@ def summary(c: Comparison) -> str:
     another mean, and pilots that make most of an image's error (`dmis.experiment.alarm`).
     """
     table = paper_table(c, [rule for rule, _ in c.runs], SUMMARY)
-    doubts = filter(None, [c.few_pixels(), *fallbacks(c.runs), c.window.text(), *c.alarms()])
+    doubts = filter(None, [c.few_pixels(), *fallbacks(c.runs), c.reference.text(), *c.alarms()])
     return "\n".join([table.text(), *(f"{line}\n" for line in doubts)]).rstrip("\n")
 
 
