@@ -7,7 +7,6 @@ import json
 import math
 import os
 import re
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,14 +25,12 @@ from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
 from dmis.pipeline.stopping import Stop
-from dmis.scene.scene import Scene, SceneWarning
+from dmis.scene.scene import Scene
 
 CLUSTER_TIMEOUT = 30.0
 """Seconds to wait for a Dask scheduler to answer, and again for its first worker."""
 EXPOSED = 0.6
 """Linear value in the preview of a model that 5 % of its pixels exceed."""
-MAX_EXPOSURE = 1000.0
-"""Largest automatic exposure of a preview that passes without a warning."""
 BYTES_OF_PIXEL, BYTES_OF_DESCRIPTION = 32, 2**16
 """Bytes of a pixel in an image file, of eight channels, and of all that describes the image."""
 
@@ -81,17 +78,12 @@ def render(options: argparse.Namespace) -> int:
 def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> float:
     """Return the exposure of a preview: 1, or for a model with lights, whose units are unknown, an automatic one.
 
-    It maps the 95th percentile of the luminance to `EXPOSED`; a SceneWarning if it is larger than `MAX_EXPOSURE`.
+    It maps the 95th percentile of the luminance to `EXPOSED`.
     """
     if options.exposure is not None:
         return float(options.exposure)
     bright = float(np.quantile(result.image @ LUMINANCE, 0.95)) if scene.source.get("lit") else 0.0
-    exposure = EXPOSED / bright if bright > 0 else 1.0
-    if exposure > MAX_EXPOSURE:
-        lit_by, fix = ("this sky", "Brighten it") if options.light else (scene.source["lit"], "Give it a sky")
-        text = f"exposure {exposure:.3g} of the preview: lit by {lit_by}, the model is nearly black"
-        warnings.warn(SceneWarning(f"{text}. {fix} (--light), or set --exposure"), stacklevel=2)
-    return exposure
+    return EXPOSED / bright if bright > 0 else 1.0
 
 
 def _check_files(options: argparse.Namespace) -> list[Path]:
