@@ -20,8 +20,6 @@ COMMAND_LINE = {
     "--render": "python benchmarks/mis_bench.py --validate --rules RULE, in a checkout",
     "--samples": "--spp N",
     "--size": "--resolution WxH",
-    "--time": "--seconds S",
-    "--jobs": "--threads N",
     "--heuristic": "--rule fixed:0.5,combiner=power",
 }
 """Commands and options that dmis does not have, and what to write."""

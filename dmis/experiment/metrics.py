@@ -94,11 +94,8 @@ def mean_over_blocks(values: Array) -> tuple[float, float]:
     """Return the mean of `values` ``(H, W)``, such as squared errors of pixels, and its standard error.
 
     Each pixel has its own samples, but shares learned weights with its neighbours, so that their errors are correlated:
-    the standard error is that of sums over blocks of `ERROR_BLOCK` pixels, smaller ones in small images.
-
-    Of squared errors, 1.96 standard errors of one image reach the mean over 40 seeds in 78 to 100 % of the seeds on
-    four scenes, and in 25 to 97 % on tt, where most images lack the rare bright samples that have the error
-    (benchmarks/error_coverage.py of 9db2350c). No interval of one image shows these, those over seeds do (`log_ratio`).
+    the standard error is that of sums over blocks of `ERROR_BLOCK` pixels, smaller ones in small images. It is
+    too small where rare bright samples have the error: intervals over seeds show these (`log_ratio`).
     """
     height, width = values.shape
     mean = np.mean(values, dtype=np.float64)
