@@ -43,8 +43,11 @@ KEYWORDS = {
     "crop": "scene.crop((x0, y0, x1, y1))",
     "threads": "parallel=",
     "workers": "parallel=",
+    "oracle": "print(dmis.make_oracle(scene).limit())",
+    "weigh": 'rule="thesis:weigh=heuristic"',
+    "xy": "dmis.samples(scene, [row * width + column])",
 }
-"""Arguments of `render` and `compare` that they do not have, and what to write."""
+"""Arguments of `render`, `compare` and `samples` that they do not have, and what to write."""
 COMBINERS = {
     "frozen": "a rule whose final round has tilt=(0.5, 0.5), which are weights of equal counts at any share",
 }
