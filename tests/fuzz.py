@@ -117,7 +117,6 @@ def prepare(folder: Path) -> None:
         PIL.fromarray(np.ascontiguousarray(picture)).save(good / name)
     (good / "p.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 6\n" + pixels.tobytes())
     (good / "q.pfm").write_bytes(b"PF\n6 4\n-1.0\n" + rng.random(72).astype("<f4").tobytes())
-    np.save(good / "i.npy", rng.random((4, 6, 3)).astype(np.float32))
 
 
 OBJ = """mtllib material.mtl

@@ -31,7 +31,7 @@ OPTIONS = {
 }
 SIZES = ["4x4", "1x1", "0x0", "-1x4", "99999x1", "65535x65535", "4", "x", "4x4x4", "²x²", "1" * 5000 + "x1", "4X3"]
 FILES = ["no/such/a.exr", ".", "/", "/proc/x.exr", "/dev/full", "/dev/null", "out.exr", "out.EXR", "out.png"]
-FILES += ["good/a.ply", "", "a\nb.exr", "\udcff.exr", "x" * 300 + ".exr", "scene.pbrt", "good/i.npy", "good/g.exr", "-"]
+FILES += ["good/a.ply", "", "a\nb.exr", "\udcff.exr", "x" * 300 + ".exr", "scene.pbrt", "good/g.exr", "-"]
 
 
 def arguments(rng: random.Random) -> list[str]:
@@ -49,7 +49,7 @@ def arguments(rng: random.Random) -> list[str]:
         flag = OPTIONS[command][option].get("action") == "store_true"
         out += [option, *([] if flag or rng.random() < 0.02 else value(rng, option))]
     if command == "compare" and "--reference" not in out:
-        out += ["--reference", "good/i.npy"]
+        out += ["--reference", "good/g.exr"]
     if rng.random() < 0.1:
         out.insert(rng.randrange(len(out) + 1), rng.choice(["--", "-", "--nothing", "--help=3", "\udcff", "''", "@x"]))
     return out
