@@ -18,6 +18,7 @@ import numpy as np
 from mis_bench_renders import BOUND, SECONDS, fmt, load, measure
 from rows import read_rows, write_rows
 from show_weights import OTHERS, REQUIRED, VALIDATED_CSV, VALIDATED_FIELDS, ordered_pairs, validated
+from tilt_curves import TiltCurves
 from weight_bounds import draw, patch_probabilities
 
 from dmis.base.atomic_files import replacing
@@ -52,7 +53,6 @@ from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.scene.scene import Scene
 from dmis.variance.curves import Curves
-from dmis.variance.tilt_curves import TiltCurves
 
 ROOT = Path(__file__).resolve().parents[1]
 PILOTS = ((0.0, 2, 2), (0.5, 6, 4), (1.0, 2, 2))

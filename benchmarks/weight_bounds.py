@@ -7,7 +7,7 @@ sample, and ``m_k(y)`` its mean at the point y that the camera sample meets, its
     V(s, t) = Var_y(I) + sum_k E_y[X_k^2 - m_k^2] / (s_k S) + var(n / S) Var_y(m_l / s_l - m_b / s_b).
 
 `ShareTiltMoments` estimates all terms from one pilot at w = 1/2. Shares are t = s, tilts s = 1/2; both agree with
-`dmis.variance.curves.Curves` and `dmis.variance.tilt_curves.TiltCurves`.
+`dmis.variance.curves.Curves` and `tilt_curves.TiltCurves`.
 
 Patches are drawn from the image at its full size, and at a quarter of its side, with a probability that follows the
 variance of a small render, and stand for the image with one over that. Weights are chosen on one half of a patch's

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from tilt_curves import TiltCurves
 from weight_bounds import BOUNDS, Bounds, ShareTiltMoments, bounds, draw, patch_probabilities, variance
 
 from dmis.base.vectors import Array
@@ -16,7 +17,6 @@ from dmis.fit.round import Round, pilot_settings
 from dmis.pipeline.job import resolve
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.variance.curves import Curves
-from dmis.variance.tilt_curves import TiltCurves
 from tests.helpers import shared_scene
 
 

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 from helpers import Z_LIMIT, image_tile, results_z, shared_scene
+from tilt_curves import TiltCurves
 
 import dmis
 from dmis.base.patches import patch_mean
@@ -16,7 +17,6 @@ from dmis.light.area import DiskLight, QuadLight
 from dmis.pipeline.tile import render_tile
 from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID
-from dmis.variance.tilt_curves import TiltCurves
 
 SCENES = {
     "teapot-area-light": (40, 40),
