@@ -47,6 +47,7 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any], str, str]] = {
     "pdf of sample alone": (Panel, "sample", MORE, RENDERS, "must return the same light samples"),
     "radiance of sample alone": (Panel, "sample", brighter, RENDERS, "must return the same light samples"),
     "winding": (Panel, "mesh", lambda *_: quad((-1, -1, 2), (2, 0, 0), (0, 2, 0)), CAMERA, SEES + ".* hit reports 0,"),
+    "mesh elsewhere": (Panel, "mesh", lambda *_: quad((-1, -1, 2.3), (0, 2, 0), (2, 0, 0)), CAMERA, SEES),
     "emission": (
         Panel,
         "hit",
