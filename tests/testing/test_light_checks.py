@@ -55,6 +55,7 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any], str, str]] = {
         CAMERA,
         SEES + ".* up to 8, .* up to 4 .*emission",
     ),
+    "5 % less": (Panel, "hit", lambda s, *_: replace(s, radiance=s.radiance * np.float32(1.05)), CAMERA, SEES),
     "emission turned": (
         Panel,
         "hit",
