@@ -128,7 +128,6 @@ class Passes:
             features, rays = (render_pixel_features if of_pixels else render_feature_buffers)(job.given_scene)
             film = replace(film, features=features)
             self.rays["guide"] += rays
-            self._release()
         film.lock()
         self.seconds[round_.stage] += time.perf_counter() - began
         return film
