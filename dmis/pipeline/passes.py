@@ -6,7 +6,6 @@ import math
 import os
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from types import TracebackType
