@@ -30,8 +30,10 @@ SIZE = 400
 BUDGETS = {"balance": 64, "thesis": 64, "auto": 27}
 """Samples per pixel, pilot included. One of `auto` costs more: most are where there is light to sample."""
 TITLES = {"balance": "balance heuristic", "thesis": "thesis's rule", "auto": "dmis: auto"}
-WINDOW = 245, 195, 345, 275
-"""The part that is enlarged, x0, y0, x1, y1: the board below the spout."""
+WHOLE = 0, 20, 400, 320
+"""The part of the image that is shown, x0, y0, x1, y1: teapot, board and lamp."""
+WINDOW = 225, 195, 345, 275
+"""The part that is enlarged: the board below the spout."""
 
 parser = argparse.ArgumentParser(description="three rules on one scene, in about the same CPU time")
 parser.add_argument("--seed", type=int, default=1)
@@ -79,17 +81,19 @@ for rule, result in results.items():
     )
 
 # %%
-# The picture: a part of each render, and how far the whole is from the reference, on one scale.
-figure, axes = plot.canvas(2, 3, 7, 4.75)
+# The picture: each render, a part of it, and how far each pixel is from the reference, on one scale.
+figure, axes = plot.canvas(3, 3, 7, 5.6)
 top = np.quantile(np.sqrt(np.abs(squared["balance"])), 0.99)
-for (above, below), (rule, title) in zip(axes.T, TITLES.items(), strict=True):
-    plot.picture(above, results[rule].image, title, WINDOW)
-    plot.heat(below, np.sqrt(np.abs(squared[rule])), cmap="magma", vmin=0, vmax=top)
-    plot.mark(below, WINDOW, "white", 1)
-    above.title.set_fontsize(16)
-    for axis in (above, below):
+for (image, part, error), (rule, title) in zip(axes.T, TITLES.items(), strict=True):
+    plot.picture(image, results[rule].image, title, WHOLE)
+    plot.picture(part, results[rule].image, window=WINDOW)
+    x0, y0, x1, y1 = WHOLE
+    plot.heat(error, np.sqrt(np.abs(squared[rule]))[y0:y1, x0:x1], window=WHOLE, cmap="magma", vmin=0, vmax=top)
+    plot.mark(image, WINDOW, "white", 1)
+    for axis in (image, part, error):
         axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
-    below.set_xlabel("error 1" if rule == "balance" else f"error {mse[rule]:.2f}", fontsize=16)
+    image.title.set_fontsize(16)
+    error.set_xlabel("error 1" if rule == "balance" else f"error {mse[rule]:.2f}", fontsize=16)
 options.output.parent.mkdir(parents=True, exist_ok=True)
 figure.savefig(options.output, dpi=120)
 print(f"\n{options.output}")
