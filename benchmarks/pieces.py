@@ -124,6 +124,7 @@ PIECES: tuple[Piece, ...] = (
     ),
     # Pictures that are not in the gallery.
     picture("doctor", "examples/make_doctor_figure.py", *BALANCE, *HELD_OUT),
+    picture("errors", "examples/make_errors_figure.py", "teapot-area-light balance"),
     picture("stability", "examples/make_stability_figure.py", *BALANCE),
     # Figures of the thesis.
     figure("thesis/plot_fig_2_1_variance", "teapot-area-light balance"),

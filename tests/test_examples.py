@@ -301,6 +301,16 @@ def test_stability_figure(run, tmp_path):
 
 
 @pytest.mark.examples
+def test_errors_figure(run, tmp_path):
+    """relMSE sees more of the dark parts than MSE."""
+    picture = tmp_path / "errors.png"
+    printed = run(ROOT / "examples" / "make_errors_figure.py", "-o", picture)
+    dark = dict(re.findall(r"^(\w+): (\d+)%", printed, re.MULTILINE))
+    assert 1.5 * int(dark["MSE"]) < int(dark["relMSE"])
+    check(picture)
+
+
+@pytest.mark.examples
 def test_doctor_figure(run, tmp_path):
     """Nine faults beside the right images: those of two sides lose half of the light, mixed normals next to none."""
     picture = tmp_path / "doctor.png"
