@@ -1,18 +1,17 @@
 """Layers of an image: what its pixels show, and parts of its light, from the records of the image's own samples.
 
 ``albedo``, ``normal``
-    Of the first surface: means over `dmis.scene.feature_buffers.RAYS` squared rays per pixel.
+    Albedo and normal of the first surface, means over 16 rays per pixel, for denoisers.
 ``depth``, ``position``, ``uv``, ``part``
-    Distance, place, texture coordinates and number in `Scene.parts` of what is at the pixel's centre.
+    Distance, position, texture coordinates and number in `Scene.parts` of the first surface at the pixel's centre.
 ``direct``, ``indirect``
-    Emission that is seen, delta lights, and light reflected at the first surface; light reflected at further surfaces,
-    those behind mirrors included. They sum to the image.
+    Visible emission, delta lights and light reflected once; light reflected at later surfaces, also behind mirrors.
+    Both sum to the image.
 ``emission``, ``light``, ``light:NUMBER``
-    What no technique estimates, emission that is seen and delta lights; light of each sampled light, or of one. They
-    sum to the image.
+    Visible emission and delta lights; the light of every sampled light, or of one. All sum to the image.
 ``technique``
-    What the samples of each technique add, ``W f / (w_k p_k)``, which with ``emission`` sum to the image. What they
-    estimate alone, ``f / p_k``, is rendered by ``fixed:1`` and ``fixed:0`` (Veach 1997, Figure 9.2, has both).
+    The contribution ``W f / (w_k p_k)`` of each technique's samples, which with ``emission`` sum to the image. The
+    estimate ``f / p_k`` of one alone is rendered by ``fixed:1`` and ``fixed:0`` (Veach 1997, Figure 9.2, has both).
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """glTF files: each feature and each habit of exporters against the same scene made by hand."""
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +11,7 @@ import dmis
 from dmis.brdf.diffuse import Lambert
 from dmis.formats.gltf.gltf_file import EXTENSIONS
 from dmis.formats.mesh_files import load_mesh
-from dmis.formats.obj.mtl import READ
 from dmis.image import encode_png
-from dmis.image_reader import IMAGE_SUFFIXES
 from dmis.scene.scene import SceneWarning
 
 pytest.importorskip("OpenImageIO")
@@ -502,11 +498,3 @@ def test_files_beside_it(tmp_path):
     with pytest.warns(SceneWarning, match="left out: missing file 'my picture.png'$"):
         scene = dmis.load_scene(tmp_path / "a.gltf")
     assert scene.parts[0].material.lobes[0].fresnel.f0 == (1, 1, 1)
-
-
-def test_the_page_names_what_is_read():
-    """The table of docs/models.md is that of the readers."""
-    page = (Path(__file__).parents[2] / "docs/models.md").read_text("utf-8")
-    cells = dict(re.findall(r"^\| ([^|]*) \| (.*) \|$", page, re.M))
-    for row, read in (("glTF extensions", EXTENSIONS), ("MTL statements", READ), ("images", IMAGE_SUFFIXES)):
-        assert set(re.findall(r"`([\w.]+)`", cells[row])) == set(read), row

@@ -1,18 +1,10 @@
 """Refusals of the pbrt reader: one message lists all that a file has and dmis does not."""
 
-import re
-from pathlib import Path
 from time import process_time
 
 import pytest
 
-from dmis.formats.pbrt.dialect import DIALECTS
-from dmis.formats.pbrt.lights import LIGHTS
-from dmis.formats.pbrt.make_material import materials_of
-from dmis.formats.pbrt.options import CAMERAS
-from dmis.formats.pbrt.pbrt_shapes import SHAPES
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.textures import TEXTURES
 from dmis.formats.pbrt.tokens import PbrtError
 from tests.formats.pbrt.test_read import TRIANGLE
 
@@ -71,24 +63,3 @@ def test_a_broken_line_ends_the_list(tmp_path):
     assert summary.endswith("before the file can be read; reading stopped at the last one, so more may follow")
     *lines, _ = refusal(tmp_path, 'WorldBegin Material "interface" Material "" WorldEnd')
     assert len(lines) > 1 and all("only bounds a medium is not supported" in line for line in lines)
-
-
-def names_in(page, row, dialect):
-    """Words in backticks of a row of a table with a column for each dialect; "same" is the column before."""
-    lines = (Path(__file__).parents[3] / "docs" / page).read_text().splitlines()
-    cells = next(line for line in lines if line.startswith(f"| {row} |")).split("|")[2:5]
-    number = int(dialect[1]) - 2
-    words = set(re.findall(r"[\w-]+", " ".join(re.findall(r"`([^`]*)`", cells[number]))))
-    return words | (names_in(page, row, f"v{number + 1}") if "same" in cells[number] else set())
-
-
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_the_reference_lists_what_is_read(dialect):
-    page = "pbrt.md"
-    assert names_in(page, "material", dialect) == set(materials_of(dialect))
-    assert set(CAMERAS[dialect]) <= names_in(page, "camera", dialect)
-    for row, table in (("texture", TEXTURES), ("light", LIGHTS), ("shape", SHAPES)):
-        assert set(table) <= names_in(page, row, dialect), row
-    lines = (Path(__file__).parents[3] / "docs/scenes.md").read_text().splitlines()
-    row = next(line for line in lines if line.startswith(f"| {dialect} | `"))
-    assert all(f"`{name}`" in row for name in DIALECTS[dialect].integrators[0])
