@@ -7,7 +7,7 @@ and parameters that are not used because they do not change the expected image. 
 the same words, so a file is read by the rules of one dialect (`dmis.formats.pbrt.dialect`): the one that its words
 belong to, or an argument. ``plymesh`` is read in all dialects. docs/scenes.md lists what is read.
 
-Deviations of pbrt-v2 from the textbook that only this reader knows, beside those of docs/pbrt.md:
+Deviations of pbrt-v2 from the textbook that only this reader knows, beside those of docs/scenes.md:
 
 * Camera space is left-handed, x right, y up, z forward, and so is what ``LookAt`` makes.
 * A Blinn exponent is at most 10000, so a roughness is at least 1e-4. Negative reflectances become 0, sigma is brought
