@@ -1,4 +1,4 @@
-"""What docs/extending.md and docs/your-rule.md say of additions is followed to the letter, from outside."""
+"""Additions of docs/extending.md and examples/extending are made to the letter, from outside."""
 
 from __future__ import annotations
 
@@ -27,38 +27,38 @@ from dmis.scene.groups import light_part
 from dmis.testing.scenes import box_scene
 
 pytestmark = pytest.mark.examples
-DOCS = Path(__file__).parents[1] / "docs"
-PAGE = "\n".join((DOCS / name).read_text("utf-8") for name in ("extending.md", "your-rule.md"))
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "extending.md").read_text("utf-8")
 
 
-def block(heading: str) -> str:
-    """Return the first Python block below a heading."""
-    found = re.search(rf"^###? {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
-    assert found
-    return found[1]
+def code_of(name: str) -> str:
+    """Return a file of examples/extending, or the first Python block below a heading of the page.
+
+    Each has at most 25 lines of code, beside imports and docstring.
+    """
+    if name.endswith(".py"):
+        text = (ROOT / "examples" / "extending" / name).read_text("utf-8")
+        assert f"](../examples/extending/{name})" in PAGE
+        code = text.split('"""')[2]
+    else:
+        found = re.search(rf"^## {name}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
+        assert found
+        text = code = found[1]
+    lines = [line for line in code.splitlines() if line.strip() and not line.startswith(("import", "from"))]
+    assert len(lines) <= 25
+    return text
 
 
-def plugin(folder: Path, name: str, *headings: str) -> Path:
-    """Write the first blocks below the headings into a plug-in and load it; each has at most 25 lines of code."""
-    blocks = [block(heading) for heading in headings]
-    for code in blocks:
-        assert sum(bool(line.strip()) and not line.startswith(("import", "from")) for line in code.splitlines()) <= 25
-    path = folder / f"{name}.py"
-    path.write_text("\n".join(blocks), "utf-8")
-    plugins.load_plugin(path)
-    return path
-
-
-def defined(heading: str) -> dict[str, Any]:
-    """Return the names that the first block below a heading defines, which runs without the others."""
+def defined(name: str) -> dict[str, Any]:
+    """Return the names that code of the page defines, which runs without the others."""
     names: dict[str, Any] = {"__name__": "page"}
-    exec(compile(block(heading), "extending.md", "exec", dont_inherit=True), names)
+    exec(compile(code_of(name), name, "exec", dont_inherit=True), names)
     return names
 
 
 def test_technique() -> None:
     """At most ten lines of code; the same mean as the shipped techniques, in place of one and beside both."""
-    code = block("A technique")
+    code = code_of("A technique")
     lines = [line for line in code.splitlines() if line.strip() and not line.startswith(("import", "from"))]
     assert len(lines) <= 10
     exec(code, {})
@@ -74,9 +74,7 @@ def test_technique() -> None:
 
 def test_rule_by_normals() -> None:
     """Means of cornell by paths and of tt agree with balance; threads and processes give the same image."""
-    code = block("A rule that looks at the scene")
-    assert sum(map(bool, code.splitlines())) <= 25
-    exec(code, {"__name__": "page"})
+    defined("by_normal.py")
     for name, integrator in (("cornell", "path"), ("tt", "direct")):
         scene = shipped(name, (48, 36))
         balance = dmis.render(scene, "balance", 64, seed=1, integrator=integrator)
@@ -102,14 +100,21 @@ def test_techniques_that_are_refused(changes: dict[str, object], message: str) -
     assert "mine" not in TECHNIQUES
 
 
-def test_learned_technique_and_heuristic(tmp_path: Path) -> None:
-    """A third technique that a pilot taught, and a heuristic: balance's mean, equal in threads and processes."""
-    plugin(tmp_path, "my_guide", "A technique that a pilot taught", "A heuristic")
+def test_learned_technique_rounds_and_heuristic(tmp_path: Path) -> None:
+    """A technique that a pilot taught, two rounds, a heuristic: balance's mean, equal in threads and processes."""
+    (tmp_path / "gentle.py").write_text(code_of("A heuristic"), "utf-8")
+    for file in (
+        tmp_path / "gentle.py",
+        *(ROOT / "examples" / "extending" / f"{name}.py" for name in ("guided", "twice")),
+    ):
+        plugins.load_plugin(file)
     for name, integrator in (("cornell", "path"), ("tt", "direct")):
         scene = shipped(name, (40, 32))
         render = partial(dmis.render, scene, spp=64, integrator=integrator)
         balance = render("balance", seed=1)
-        for seed, rule in enumerate(("guided", "fixed:0.3,combiner=gentle", "second-moment:combiner=gentle"), 2):
+        for seed, rule in enumerate(
+            ("guided", "twice", "fixed:0.3,combiner=gentle", "second-moment:combiner=gentle"), 2
+        ):
             result = render(rule, seed=seed)
             assert abs(results_z(result, balance)) < Z_LIMIT, rule
             processes = render(rule, seed=seed, parallel=dmis.Processes(2))
@@ -189,7 +194,7 @@ def test_pickled_techniques() -> None:
 
 def test_sampler() -> None:
     """The same mean as independent samples and a smaller error, in a render and as an option of a rule."""
-    exec(block("A sampler"), {"__name__": "mine"})
+    defined("r2.py")
     scene = shipped("cornell", (48, 36))
     reference = dmis.make_reference(scene, 128)
     independent = dmis.render(scene, "balance", 64, seed=1, sampler="independent")
@@ -202,7 +207,7 @@ def test_sampler() -> None:
 
 def test_sampler_on_the_command_line(tmp_path: Path, capsys) -> None:
     path, out = tmp_path / "my_sampler.py", tmp_path / "a.exr"
-    path.write_text(block("A sampler"), "utf-8")
+    path.write_text(code_of("r2.py"), "utf-8")
     small = ["render", "teapot-area-light", "--resolution", "16x12", "--spp", "4", "--sampler", "r2", "-o", str(out)]
     assert main(small) == 2
     assert (
@@ -216,7 +221,7 @@ def test_sampler_on_the_command_line(tmp_path: Path, capsys) -> None:
 @pytest.mark.parametrize(
     ("heading", "rule", "options", "changed"),
     [
-        ("A sampler", "balance", {"sampler": "r2"}, "sampler r2"),
+        ("r2.py", "balance", {"sampler": "r2"}, "sampler r2"),
         ("A technique", "fixed:light=0.5,cosine=0.5", {}, "technique cosine"),
     ],
 )
@@ -224,7 +229,7 @@ def test_edited_code_is_refused(heading: str, rule: str, options: dict, changed:
     """By checkpoints and comparisons, which are resumed otherwise. An oracle of an edited technique is another file."""
     file, mine, reference = tmp_path / "my_code.py", {"parallel": 1, **options}, dmis.make_reference(box, 4)
     for seeds, edit in ((1, ""), (2, ""), (3, "# edited\n")):
-        file.write_text(block(heading) + edit, "utf-8")
+        file.write_text(code_of(heading) + edit, "utf-8")
         plugins._LOADED.clear()
         sys.modules.pop("my_code", None)
         with registries_kept():
@@ -242,8 +247,7 @@ def test_edited_code_is_refused(heading: str, rule: str, options: dict, changed:
 
 def test_metric() -> None:
     """It has a value for each render, within the noise of a few samples."""
-    names: dict = {}
-    exec(block("A metric"), names)
+    names = defined("bias.py")
     assert {budget: len(values) for budget, values in names["errors"].items()} == {("balance", 8): 3, ("thesis", 8): 3}
     assert all(abs(value) < 0.1 * names["reference"].first.mean() for v in names["errors"].values() for value in v)
 
@@ -269,14 +273,14 @@ def test_lobe() -> None:
 
 
 def test_textured_light() -> None:
-    lamp = defined("A light")["Checks"](2.0)
+    lamp = defined("square_lamp.py")["Checks"](2.0)
     agree(box_scene(lights=(lamp,), extra=(light_part(lamp),)))
 
 
 def test_camera_and_mirror_see_the_texture() -> None:
     """The mirror shows the emission of the lamp times its colour, 8 or 1."""
-    lamp = defined("A light")["Checks"](2.0)
-    mirror = dmis.Material((defined("A delta lobe")["Tinted"]((1.0, 0.5, 0.25)),))
+    lamp = defined("square_lamp.py")["Checks"](2.0)
+    mirror = dmis.Material((defined("tinted.py")["Tinted"]((1.0, 0.5, 0.25)),))
     scene = box_scene(mirror, (lamp,), (light_part(lamp),), eye=(0, -1, 1), target=(0, -0.5, 0), fov=60.0)
     image = dmis.render(scene, "balance", 4, settings=dmis.Settings(integrator="direct")).image
     assert np.isclose(image.max(), 8) and image[..., 0].min() < 2

@@ -82,8 +82,8 @@ def test_a_right_lobe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_the_page_shows_what_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The lobe of docs/checks.md and its messages, but for the digits."""
-    page = (Path(dmis.__file__).parents[1] / "docs" / "checks.md").read_text("utf-8")
+    """The lobe of docs/extending.md and its messages, but for the digits."""
+    page = (Path(dmis.__file__).parents[1] / "docs" / "extending.md").read_text("utf-8")
     blocks = [textwrap.dedent(block) for block in re.findall(r"(?:^(?: {4}.*)?\n)+", page, re.M)]
     (code,) = [block for block in blocks if "class Velvet(Lobe)" in block]
     head = DUST[: DUST.index("@dataclass")] + "from dmis.base.vectors import normalise\n"
