@@ -19,6 +19,7 @@ DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS))
 import gallery  # noqa: E402
 import links  # noqa: E402
+import redirects  # noqa: E402
 import reference  # noqa: E402
 
 os.environ.setdefault("DMIS_CACHE", str(DOCS / "_build" / "cache"))
@@ -81,43 +82,23 @@ sphinx_gallery_conf = {
 # The table of contents ------------------------------------------------------------------------------------------------
 
 CONTENTS = {
-    "Begin": ["quickstart", "generated/tutorials/index", "syllabus", "checks", "rules", "faq", "glossary"],
-    "Know": [
-        "theory",
-        "theory-extensions",
-        "estimator",
-        "thesis",
-        "learned-rules",
-        "sampling",
-        "brdfs",
-        "paths",
-        "conventions",
-    ],
-    "Use": [
-        "cli",
-        "cluster",
-        "scenes",
-        "models",
-        "pbrt",
-        "report",
-        "paper",
+    "Study and teach": [
+        "quickstart",
         "play",
-        "explain",
-        "doctor",
-        "your-rule",
-        "extending",
+        "estimator",
+        "generated/tutorials/index",
+        "theory",
+        "sampling",
+        "syllabus",
+        "thesis",
     ],
-    "Measured": [
-        "results",
-        "mis-bench",
-        "reproduction",
-        "performance",
-        "stability",
-        "does-not-pay",
-        "generated/figures/index",
-    ],
+    "Invent rules": ["rules", "extending", "mis-bench", "report", "results", "performance", "does-not-pay"],
+    "Find faults": ["doctor", "explain", "brdfs", "stability"],
+    "Render": ["scenes", "cli", "paths", "cluster", "faq"],
     "Look up": [
+        "glossary",
         "references",
+        "generated/figures/index",
         "generated/api/index",
         "generated/internals/index",
         "code",
@@ -125,6 +106,7 @@ CONTENTS = {
         "generated/changes",
     ],
 }
+"""Sections of the site, in the order of the five paths of the front page."""
 ELSEWHERE = {"CONTRIBUTING.md": "contributing", "CHANGELOG.md": "changes"}
 """Pages that are kept at the root, by their names here."""
 
@@ -230,6 +212,7 @@ def setup(app) -> None:
     app.connect("source-read", source_read)
     app.connect("missing-reference", reference.find_public_name)
     app.connect("autodoc-skip-member", skip_aliases)
+    app.connect("build-finished", redirects.write_stubs, priority=400)
     app.connect("build-finished", links.warn_of_broken_links)
 
 

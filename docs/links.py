@@ -6,6 +6,7 @@ from html import unescape
 from pathlib import Path
 from urllib.parse import unquote
 
+import redirects
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
@@ -19,10 +20,10 @@ def find_ids(page: Path) -> set[str]:
 
 
 def warn_of_broken_links(app: Sphinx, failure: Exception | None) -> None:
-    """Log a warning, which fails ``make docs``, for each link or picture of a page that leads nowhere."""
+    """Log a warning, which fails ``make docs``, for each link or picture of a page or redirect that leads nowhere."""
     if failure or app.builder.format != "html":
         return
-    for name in sorted(app.env.found_docs):
+    for name in sorted(app.env.found_docs | redirects.MOVED.keys()):
         page = Path(app.builder.get_outfilename(name))
         for link in sorted(set(re.findall(r'\b(?:href|src)="([^"]*)"', page.read_text("utf-8")))):
             address, _, place = unquote(unescape(link)).partition("#")
