@@ -87,8 +87,8 @@ def commands() -> list[str]:
             elif name not in ("--help", *PLUGIN):
                 rows.append(option_row(action))
         also = " and ".join(f"[{kind}](#options-of-{kind})" for kind in shared if kind in kinds)
-        ending = f"; it also takes the options of {also}" if also else ""
-        about_it = f"`{command}`: {summaries[command]}{ending}."
+        ending = f" The command also takes the options of {also}." if also else ""
+        about_it = f"{summaries[command][0].upper()}{summaries[command][1:]}.{ending}"
         lines += [f"## `{command}`", "", about_it, "", *markdown(["option", "what it does"], rows), ""]
     for kind, rows_of in tables.items():
         lines += [f"## Options of {kind}", "", *markdown(["option", "what it does"], rows_of.values()), ""]

@@ -94,7 +94,7 @@ CONTENTS = {
     ],
     "Invent rules": ["rules", "extending", "mis-bench", "report", "results", "performance", "does-not-pay"],
     "Find faults": ["doctor", "explain", "brdfs", "stability"],
-    "Render": ["scenes", "cli", "paths", "cluster", "faq"],
+    "Render": ["scenes", "cli", "cluster", "faq", "paths"],
     "Look up": [
         "glossary",
         "references",

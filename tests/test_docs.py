@@ -154,6 +154,23 @@ def test_pages_are_few_and_old_addresses_redirect(tmp_path):
         assert f'href="{page}.html"' in text and f'location.replace("{page}.html" + location.hash)' in text
 
 
+def test_five_paths():
+    """README and the index show the same five lists of at most six pages, in the same order."""
+    readme, index = ((ROOT / name).read_text("utf-8") for name in ("README.md", "docs/index.md"))
+    bullets = re.findall(r"^\* \*\*(You .*?|Your .*?):\*\*(.*?)(?=^\S)", readme, re.M | re.S)
+    lists = re.findall(r"^\*\*(You .*?|Your .*?)\.\*\*\n\n(.*?)\n\n", index, re.M | re.S)
+    paths = [(name, re.findall(r"\]\(docs/(.*?)\)", links)) for name, links in bullets]
+    assert paths == [(name, re.findall(r"\]\((.*?)\)", links)) for name, links in lists]
+    assert len(paths) == 5 and all(2 <= len(links) <= 6 for _, links in paths)
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+def test_page_names_the_next(page):
+    """The last paragraph begins with a link to the next page."""
+    *_, last = page.read_text("utf-8").rstrip().split("\n\n")
+    assert re.match(r"Next: \[[^]]+\]\((\w[\w-]*|\.\./CONTRIBUTING)\.md\)", last)
+
+
 @pytest.mark.parametrize("block", code_tables.tables())
 def test_tables_of_code(block):
     """Tables that the code writes are those of benchmarks/code_tables.py, which writes them anew."""
