@@ -65,7 +65,7 @@ class Auto(Rule):
         Camera samples of the first round, a power of two from 4 on; 0: by the budget. With a budget of less than twice
         as many all pixels have equal numbers.
     exponent
-        a, from 1 to 3: the error falls as n^-a with n samples; 0: by sampler and integrator, see `EXPONENTS`.
+        a; 0: by sampler and integrator, see `EXPONENTS`.
     error
         Error to minimise: ``relative``, the mean of squared errors over I^2 + e, or ``absolute``, the MSE.
     guard
