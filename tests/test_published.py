@@ -23,6 +23,8 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 OTHER_FILES = {
     "images/data-flow.svg": "drawn by hand",
     "images/cluster.svg": "drawn by hand",
+    "images/samples.svg": "drawn by hand",
+    "images/explain.webp": "drawn by the command of docs/explain.md",
     "images/play.png": "a screenshot of the play page",
     "images/paper-figure.png": "made by the commands of docs/report.md",
     "figures/captions.json": "titles and captions of all figures",
