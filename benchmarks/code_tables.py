@@ -19,7 +19,6 @@ from common import replace_table
 from rows import markdown
 
 from dmis.cli.arguments import PLUGIN, SCENE, make_parser, settings_options
-from dmis.fit.pooling import PooledRule
 from dmis.fit.registry import RULES
 from dmis.formats.gltf.gltf_file import EXTENSIONS
 from dmis.formats.obj.mtl import READ
@@ -111,9 +110,8 @@ def options_of(make: Callable[..., object]) -> Iterator[list[str]]:
     """Return the options of a rule with their defaults, and what they do, from docstrings."""
     kind = type(make())
     parameters = inspect.signature(kind).parameters
-    docstrings = [inspect.getdoc(base) or "" for base in (kind, PooledRule) if base in kind.__mro__]
-    for docstring in docstrings:
-        section = docstring.partition("Parameters\n----------\n")[2].partition("\n---")[0]
+    for base in kind.__mro__:
+        section = inspect.cleandoc(base.__doc__ or "").partition("Parameters\n----------\n")[2].partition("\n---")[0]
         for term, text in definitions(section):
             names = [name for name in term.split(", ") if name in parameters and name not in OF_SETTINGS]
             if names:
@@ -138,15 +136,14 @@ def rules() -> list[str]:
 
 def pbrt() -> list[str]:
     """Return what a file of each dialect may hold, by directive."""
-    shapes = {name: [shape for shape in SHAPES if name == "v4" or shape != "bilinearmesh"] for name in DIALECTS}
-    columns: dict[str, dict[str, Iterable[str]]] = {
+    columns: dict[str, Mapping[str, Iterable[str]]] = {
         "integrator, as paths": {name: dialect.integrators[0] for name, dialect in DIALECTS.items()},
         "camera": {name: CAMERAS[name] for name in DIALECTS},
         "film": {name: dialect.film for name, dialect in DIALECTS.items()},
         "material": {name: materials_of(name) for name in DIALECTS},
         "texture": dict.fromkeys(DIALECTS, TEXTURES),
         "light": dict.fromkeys(DIALECTS, LIGHTS),
-        "shape": shapes,
+        "shape": {name: [s for s in SHAPES if name == "v4" or s != "bilinearmesh"] for name in DIALECTS},
     }
     rows = [[row, *(code(names) for names in cells.values())] for row, cells in columns.items()]
     return markdown(["", *DIALECTS], rows)
