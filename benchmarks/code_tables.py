@@ -143,7 +143,7 @@ def pbrt() -> list[str]:
         "material": {name: materials_of(name) for name in DIALECTS},
         "texture": dict.fromkeys(DIALECTS, TEXTURES),
         "light": dict.fromkeys(DIALECTS, LIGHTS),
-        "shape": {name: [s for s in SHAPES if name == "v4" or s != "bilinearmesh"] for name in DIALECTS},
+        "shape": dict.fromkeys(DIALECTS, SHAPES),
     }
     rows = [[row, *(code(names) for names in cells.values())] for row, cells in columns.items()]
     return markdown(["", *DIALECTS], rows)
