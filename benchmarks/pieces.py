@@ -103,7 +103,6 @@ PIECES: tuple[Piece, ...] = (
     ),
     Piece("parabola", "benchmarks/make_parabola_table.py", "make_parabola_table", THESIS),
     Piece("mitsuba-agreement", "benchmarks/agreement.py", "agreement", BALANCE),
-    Piece("cluster", "benchmarks/measure_cluster.py", "measure_cluster"),
     Piece("doctor-faults", "benchmarks/doctor_faults.py", "doctor_faults", (*BALANCE, *HELD_OUT)),
     Piece("error-time", "benchmarks/make_error_time.py", "", THESIS),
     Piece(

@@ -76,8 +76,10 @@ def make_oracle(
     if spp < 8 or spp % 4:
         raise ValueError(f"spp of an oracle must be a multiple of 4, and at least 8: two halves of pairs; got {spp}")
     settings = make_settings(settings, **options)
-    key = oracle_key(scene, spp, patch, settings)
-    path = cache_path(scene, "oracle", key, folder, ".npz")
+    about = {"dmis": __version__, "layout": LAYOUT, "scene": fingerprint(scene), "spp": spp, "patch": patch}
+    used = asdict(curve_settings(scene, settings)).items()
+    values = {name: value for name, value in used if name not in ("sampler", "reuse_pilot", "preset")}
+    path = cache_path(scene, "oracle", {**about, **values, **sampling_hashes(values)}, folder, ".npz")
     if not scene.plan.mixable:
         raise ValueError(f"an oracle needs a light of two techniques, but scene {scene.name!r} has nothing to mix")
     curves = from_cache(path, read_curves, "oracle")
@@ -124,18 +126,6 @@ def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
     share = DEFAULTS["compensation"] if settings.compensation is None else settings.compensation
     more = {"preset": None, "compensation": share if scene.plan.environment else None}
     return Settings(**{**(PRESETS[settings.preset].values if settings.preset else {}), **settings.explicit, **more})
-
-
-def settings_key(settings: Settings) -> dict[str, Any]:
-    """Return the settings that variance curves depend on, by name, as a part of the key of a cached file."""
-    values = {name: v for name, v in asdict(settings).items() if name not in ("sampler", "reuse_pilot", "preset")}
-    return {**values, **sampling_hashes(values)}
-
-
-def oracle_key(scene: Scene, spp: int, patch: int, settings: Settings | None) -> dict[str, Any]:
-    """Return what the curves of an oracle depend on; arguments are those of `make_oracle`."""
-    about = {"dmis": __version__, "layout": LAYOUT, "scene": fingerprint(scene), "spp": spp, "patch": patch}
-    return {**about, **settings_key(curve_settings(scene, settings))}
 
 
 def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any) -> tuple[Array, Array]:

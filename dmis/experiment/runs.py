@@ -115,8 +115,7 @@ def measure(
     progress
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
     options
-        ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
-        `dmis.pipeline.render.render`.
+        ``parallel``, ``settings`` and fields of `dmis.Settings`, see `dmis.pipeline.render.render`.
 
     Returns
     -------
@@ -130,15 +129,17 @@ def measure(
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
     turns = [(rule, spp, seed) for seed, (rule, spp) in product(seed_list(seeds), runs)]
     finished = {(run.rule, run.spp, run.seed): run for run in done}
-    missing = [turn for turn in turns if turn not in finished]
     alarmed: set[str] = set()
-    renders = _renders(scene, missing, **options)
+    renders = _renders(scene, [turn for turn in turns if turn not in finished], **options)
     with reporting(progress, "renders") as report:
         for n, turn in enumerate(turns, 1):
             run = finished.get(turn)
             if run is None:
                 result, cpu_seconds = next(renders)
-                run = _run(turn, result, cpu_seconds, reference)
+                mean_z = alarm.mean_z(result.image, reference, turn[1])
+                stages = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
+                errors = *mean_over_blocks(squared_error(result, reference)), relmse(result, reference)
+                run = Run(*turn, sum(result.rays.values()), *stages, *errors, cpu_seconds, mean_z)
                 if record:
                     record(run, result)
             if run.rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
@@ -203,17 +204,6 @@ def _rule_and_settings(turn: Turn, settings: Settings) -> tuple[str, Settings]:
     if turn[0] != PINNED:
         return turn[0], settings
     return "balance", make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
-
-
-def _run(turn: Turn, result: Result, cpu_seconds: float, reference: Reference) -> Run:
-    """Return the time and error of a result."""
-    pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
-    mse, mse_error = mean_over_blocks(squared_error(result, reference))
-    mean_z = alarm.mean_z(result.image, reference, turn[1])
-    return Run(
-        *turn, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(result, reference), cpu_seconds,
-        mean_z,
-    )  # fmt: skip
 
 
 def fallbacks(budgets: Iterable[Budget]) -> list[str]:

@@ -282,13 +282,13 @@ def _camera_rays(
 
     `corners` are the raster coordinates x and y of the top left corners of the tile's pixels, ``(P,)`` float32 each.
     """
-    u = numbers.place_in_pixel()
+    u = numbers.camera()
     if scene.camera.filter is not None:
         u = scene.camera.filter.offsets(u)
     x, y = corners
     place = x.take(pixel) + u[0], y.take(pixel) + u[1]
     if not scene.camera.is_pinhole:
-        return scene.camera.lens_rays(*place, numbers.place_on_lens())
+        return scene.camera.lens_rays(*place, numbers.camera(lens=True))
     direction = scene.camera.rays(*place)
     return np.repeat(scene.camera.origin, direction.shape[1], axis=1), direction
 

@@ -135,13 +135,9 @@ class Numbers:
             check_array(f"{type(self._sampler).__name__}.{method}", numbers, count, shape, below=1.0)
         return numbers
 
-    def place_in_pixel(self) -> Array:
-        """Return where the rays of all camera samples go through their pixels, ``(2, N)``."""
-        return self._draw("camera", None)
-
-    def place_on_lens(self) -> Array:
-        """Return where the rays of all camera samples leave the lens, ``(2, N)``."""
-        return self._draw((LENS,), None)
+    def camera(self, lens: bool = False) -> Array:
+        """Return where the rays of all camera samples go through their pixels, or leave the lens, ``(2, N)``."""
+        return self._draw((LENS,) if lens else "camera", None)
 
     def light(self, key: tuple[int, ...], sample: Selection | None) -> Array:
         """Return what picks one of several lights at the vertices of N camera samples, ``(N,)`` in [0, 1)."""
