@@ -44,21 +44,21 @@ ROOMS: dict[str, int] = {
     "tests": 26_250,
 }
 """Lines of each room of the package, of its single modules, and of the other folders, rounded up to `STEP`."""
-WORDS = 44_000
-"""Words of the pages that a person writes: blocks that a script makes, and docs/published.md, aside."""
+WORDS = 29_200
+"""Words of the pages that a person writes: blocks that a script makes aside."""
 LEAST_DOCSTRINGS = 0.23
 """Share of docstrings in the lines of the package."""
 LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
 LONGEST_MODULE = 430
 """Lines of a module of the package."""
-LONGEST_MODULES = {"pipeline/render.py": 106, "pipeline/job.py": 220, "scene/scene.py": 285, "fit/auto.py": 235}
+LONGEST_MODULES = {"pipeline/render.py": 104, "pipeline/job.py": 200, "scene/scene.py": 259, "fit/auto.py": 220}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (36, 2011), "auto": (48, 2923)}
+RENDERS = {"thesis": (35, 1975), "auto": (44, 2887)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
-TOKENS, JOINED = 12.11, 19.7
+TOKENS, JOINED = 12.09, 18.4
 """Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""
-MODULES, CLASSES = 99, 30
+MODULES, CLASSES = 95, 23
 """Modules of dmis that a render with equal shares imports, and classes whose methods it calls."""
 FIELDS = {Batch: 8, Round: 13, Rule: 8}
 """Fields of the objects that go through a render; of a rule the attributes that a class of one's own may have."""
@@ -114,7 +114,7 @@ def test_fields(of: type) -> None:
 
 def test_words_of_pages() -> None:
     pages = (ROOT / "docs").rglob("*.md")
-    written = [page for page in pages if not {"_build", "generated", "published.md"} & set(page.parts)]
+    written = [page for page in pages if not {"_build", "generated"} & set(page.parts)]
     texts = [
         re.sub(r"<!-- ([^\n]+): begin -->.*?<!-- \1: end -->", "", p.read_text("utf-8"), flags=re.S) for p in written
     ]
