@@ -137,9 +137,9 @@ def measure(
             if run is None:
                 result, cpu_seconds = next(renders)
                 mean_z = alarm.mean_z(result.image, reference, turn[1])
-                stages = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
+                pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
                 errors = *mean_over_blocks(squared_error(result, reference)), relmse(result, reference)
-                run = Run(*turn, sum(result.rays.values()), *stages, *errors, cpu_seconds, mean_z)
+                run = Run(*turn, sum(result.rays.values()), pilot, fit, final, *errors, cpu_seconds, mean_z)
                 if record:
                     record(run, result)
             if run.rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
