@@ -148,8 +148,8 @@ class AreaLight(SampledLight):
     Attributes
     ----------
     radiance
-        Emitted in every direction of the bright side, linear RGB; a light without it defines `emission` and
-        `brightness`.
+        Emitted in every direction of the bright side, linear RGB; a light without it defines `emission`, and
+        `brightness` or the fields that `radiances` names.
     textured
         Whether `emission` differs from point to point.
     """
@@ -193,7 +193,8 @@ def check_light_methods(light: Any) -> None:
     else:
         check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
         if not light.infinite and not hasattr(light, "radiance"):
-            check_methods(light, AreaLight, ["emission", "brightness"])
+            default = all(hasattr(light, name) for name in light.radiances)
+            check_methods(light, AreaLight, ["emission"] if default else ["emission", "brightness"])
     number(f"{type(light).__name__}.brightness(length)", checked(light, LIGHT_CHECKS).brightness(1.0), 0)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import replace
 from inspect import unwrap
 from typing import Any
 
@@ -34,7 +33,7 @@ from dmis.testing.statistics import level
 LEVEL = level(8)
 """Of each test: chi-square and integral for up to three receivers, and two comparisons of renders."""
 _MEAN, _PLACES = 0.03, 0.1
-"""Relative differences of an image and the radiance of `hit`: on average, and of the pixels, outlines among them."""
+"""Relative differences of an image and the radiance of `hit`: of their means, and the mean of those of all blocks."""
 _FALLOFF = 2e-3
 """Relative error of the radiance of a delta light at half the distance."""
 _DARK = (Part(quad((-0.5, -0.5, 20), (1, 0, 0), (0, 1, 0)), matte(0)),)
@@ -52,8 +51,8 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
 
 def _checks(light: Any) -> Iterator[Check]:
     """Yield the checks of a light."""
-    light = checked(light, LIGHT_CHECKS, always=True)
     check_light_methods(light)
+    light = checked(light, LIGHT_CHECKS, always=True)
     if light.delta:
         yield "radiance falls off", lambda: _check_falloff(light)
         return
@@ -129,20 +128,38 @@ def _check_falloff(light: Any) -> str:
     return f"{lit.mean():.0%} of 4096 receivers are lit"
 
 
+def _camera(light: Any, p: Array) -> Camera:
+    """Return a camera at `p` ``(3,)`` that sees all of a light."""
+    if light.infinite:
+        return Camera(translate(p), 90, (64, 32), projection="spherical")
+    low, high = light.mesh().bounds
+    centre = (low + high) / 2
+    _, up = frame(centre - p)
+    radius = float(np.linalg.norm(high - low) / 2)
+    distance = float(np.linalg.norm(centre - p))
+    half_angle = np.degrees(np.arcsin(min(radius / distance, 0.87)))
+    return Camera.look_at(tuple(p), tuple(centre), tuple(up), 2.1 * half_angle, (48, 48))
+
+
 def _check_images(light: Any, parts: tuple[Part, ...], points: list[Array]) -> str:
-    """Raise a Fault unless images of the light, of all directions, show the radiance of `hit`."""
-    width, height, side = 64, 32, 4
-    y, x = (np.mgrid[: height * side, : width * side].reshape(2, -1) + 0.5) / side
-    camera = Camera(np.eye(4), 90, (width, height), projection="spherical")
-    scene = Scene(camera, parts or _DARK, (light,))
+    """Raise a Fault unless images of the light show the radiance of `hit`, on average and in blocks of 4x4 pixels."""
+    side = 8
     largest = 0.0
     for p in points:
-        camera = replace(scene.camera, to_world=translate(p))
+        camera = _camera(light, p)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of a light without power
-            image = render(scene.seen_by(camera), "balance", side**2, integrator="direct", parallel=1).image
-        nodes = _radiance(light, p, camera.lens_rays(x, y)[1]).reshape(3, height, side, width, side)
-        expected = np.moveaxis(nodes.mean(axis=(2, 4)), 0, -1)
+            scene = Scene(camera, parts or _DARK, (light,))
+            image = render(scene, "balance", side**2, integrator="direct", parallel=1).image
+        # directions at random within the cells of a grid: those of its nodes would all miss a thin light, or hit it
+        height, width = image.shape[:2]
+        nodes = np.mgrid[: height * side, : width * side].reshape(2, -1)
+        y, x = (nodes + uniforms(nodes.shape[1], 5)) / side
+        w = camera.rays(x, y) if camera.is_pinhole else camera.lens_rays(x, y)[1]
+        radiance = _radiance(light, p, w)
+        cells = radiance.reshape(3, height // 4, 4 * side, width // 4, 4 * side)
+        expected = np.moveaxis(cells.mean(axis=(2, 4)), 0, -1)
+        image = image.reshape(height // 4, 4, width // 4, 4, 3).mean(axis=(1, 3))
         if abs(image.mean() - expected.mean()) > _MEAN * expected.mean() or (
             np.abs(image - expected).mean() > _PLACES * expected.mean()
         ):

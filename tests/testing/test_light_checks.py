@@ -15,6 +15,7 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.geometry.shapes import quad
 from dmis.light.delta import PointLight
+from dmis.light.light import AreaLight
 from dmis.light.light_sample import LightSample
 from dmis.testing.light_checks import check_light
 from dmis.testing.outcome import require
@@ -88,8 +89,19 @@ def test_samples_of_a_part_are_found() -> None:
     assert_found(check_light(Inner()), PDF, MASS + r"(1\.00|0\.99)")
 
 
+class Dull(Panel):
+    """A light whose radiance has no name that the default of `brightness` reads."""
+
+    brightness = AreaLight.brightness
+
+
+def test_a_light_without_brightness_is_refused() -> None:
+    assert_found(check_light(Dull()), "accepts", r"Dull.*brightness")
+
+
 RIGHT = [
     Panel(),
+    dmis.QuadLight((0, 0, 2), (0, 1.8, 0), (0.02, 0, 0), (1, 2, 3)),  # thinner than a pixel of the check's camera
     HalfSky(),
     PointLight(*POINT),
     dmis.SpotLight((30, 0, 9), (0, 0, -1), (1, 1, 1)),
