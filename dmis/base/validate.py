@@ -57,10 +57,7 @@ def pair(name: str, value: Any, check: Callable[[str, Any], T]) -> tuple[T, T]:
 
 
 def did_you_mean(name: str, names: Iterable[str], likeness: float = 0.6) -> str:
-    """Return the end of a message about an unknown name, ``, did you mean 'thesis'?``; empty if no name is like it.
-
-    `likeness`, of `difflib.get_close_matches`, is that of the names, from 0 to 1, upper and lower case being the same.
-    """
+    """Return ``, did you mean 'thesis'?``, or nothing if `name` is like none of `names` (difflib; case is ignored)."""
     from difflib import get_close_matches
 
     known = {other.lower(): other for other in sorted(names)}
@@ -146,10 +143,7 @@ def check_array(
 
 
 def check_directions(call: str, wi: Any, count: int, where: Callable[[], Any]) -> None:
-    """Raise a ValueError that names `call` unless `wi` ``(3, count)`` are finite, and unit ones `where` that matters.
-
-    Lengths may deviate from 1 by 1e-3.
-    """
+    """Raise a ValueError naming `call` unless `wi` ``(3, count)`` are finite, of length 1 ± 1e-3 `where` it matters."""
     check_form(call, wi, count, "(3, N)")
     square = dot(wi, wi)
     if count == 0 or (square.min() > 0.998 and square.max() < 1.002):
