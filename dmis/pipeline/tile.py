@@ -253,16 +253,12 @@ class TileStatistic:
                     call = f"{type(self._statistic).__name__}.sums"
                     raise ValueError(f"{call}: {name} must be {must}; got shape {np.shape(values)}")
         if count < math.prod(self._shape):
-            sums = {name: self._spread(values) for name, values in sums.items()}
+            for name, values in sums.items():
+                sums[name] = np.zeros((*values.shape[:-1], math.prod(self._shape)), values.dtype)
+                sums[name][..., self._observed] = values
         if self.pixel_sums is not None:
             sums |= dict(zip(PIXEL_SUMS, self.pixel_sums, strict=True))
         return patch_sums(sums, self._shape, self.wants)
-
-    def _spread(self, values: Array) -> Array:
-        """Return values of the pixels with samples in their places, 0 elsewhere, ``(..., P)``."""
-        spread = np.zeros((*values.shape[:-1], math.prod(self._shape)), values.dtype)
-        spread[..., self._observed] = values
-        return spread
 
 
 def patch_sums(sums: Mapping[str, Array], shape: tuple[int, int], wants: Wants) -> dict[str, Array]:
