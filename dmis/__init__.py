@@ -50,6 +50,15 @@ class _Package(ModuleType):
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}{hint}")
 
 
+def no_attribute(owner: object, name: str) -> object:
+    """Say what to write in place of an attribute that an object of dmis lacks: ``__getattr__`` of its class."""
+    names = import_module("dmis.base.synonyms").NAMES
+    written = names.get(name, f"dmis.{name}(...)" if name in __all__ else "")
+    if not written:
+        return object.__getattribute__(owner, name)  # raises Python's error, or that of a property
+    raise AttributeError(f"{type(owner).__name__!r} object has no attribute {name!r}: write {written}")
+
+
 def __dir__() -> list[str]:
     return ["__version__", *__all__]
 

@@ -92,3 +92,5 @@ from dmis.variance.gather import Gather as Gather
 
 __version__: str
 __all__: list[str]
+
+def no_attribute(owner: object, name: str) -> object: ...

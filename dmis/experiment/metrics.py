@@ -72,7 +72,8 @@ def _errors(
     )
     shapes = x.shape, np.shape(r1), np.shape(r2)
     if len(set(shapes)) > 1:
-        raise ValueError(f"image and reference must have the same shape; got {', '.join(map(str, shapes))}")
+        hint = ". Write reference.image for a result" if isinstance(first, Result) else ""
+        raise ValueError(f"image and reference must have the same shape; got {', '.join(map(str, shapes))}{hint}")
     squares: Array = (x - r1) * (x - r2)
     if epsilon is None:
         return squares

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis import no_attribute
 from dmis.base.vectors import Array
 from dmis.fit.round import Round
 from dmis.intersect import UNTRACED
@@ -114,6 +115,7 @@ class Result:
     maps: Mapping[str, np.ndarray]
     describe: Callable[[], Mapping[str, Any]] = field(repr=False)
     layers: Mapping[str, Array] = field(default_factory=dict, repr=False)
+    __getattr__ = no_attribute
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the fields, with the provenance in the place of what makes it."""

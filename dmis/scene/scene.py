@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping
-from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from dmis import no_attribute
 from dmis.base.vectors import Array, Selection, columns
 from dmis.geometry.refinement import bodies, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
@@ -72,6 +72,7 @@ class Scene:
     name: str = "scene"
     suggested: Suggestions = field(default_factory=Suggestions)
     source: Mapping[str, Any] = field(default_factory=dict)
+    __getattr__ = no_attribute
 
     def __repr__(self) -> str:
         width, height = self.camera.resolution
@@ -138,8 +139,8 @@ class Scene:
 
     def changed(self, **values: Any) -> Scene:
         """Return a copy with other fields or tables, which are not checked: for those that follow from this scene."""
-        scene = copy(self)
-        vars(scene).update(values)
+        scene = object.__new__(type(self))
+        vars(scene).update(self.__getstate__() | values)
         return scene
 
     @cached_property
@@ -157,8 +158,7 @@ class Scene:
     @property
     def small_bodies(self) -> Array:
         """Bounds ``(B, 2, 3)`` of the bodies that are small beside the scene, see `dmis.geometry.refinement`."""
-        low, high = self.bounds
-        return small_beside(float(np.linalg.norm(high - low)), self.bodies)
+        return small_beside(float(np.linalg.norm(np.subtract(*self.bounds))), self.bodies)
 
     @cached_property
     def epsilon(self) -> Array:

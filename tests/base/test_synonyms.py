@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,19 @@ def test_names_that_are_written_instead_exist(name: str) -> None:
     with pytest.raises(AttributeError, match=f"has no attribute '{name}': write ") as raised:
         getattr(dmis, name)
     assert names_exist(str(raised.value)) or script_exists(str(raised.value))
+
+
+def test_objects_say_what_to_write(box: dmis.Scene) -> None:
+    """A result and a scene name functions of dmis; an error inside of a property stays as it is."""
+    result = replace(dmis.render(box, "balance", 2, parallel=1), describe=lambda: box.nonsense)  # type: ignore[attr-defined]
+    for owner, name in product((box, result), ("save", "show", "pixels", "render")):
+        with pytest.raises(AttributeError, match=f"has no attribute '{name}': write dmis") as raised:
+            getattr(owner, name)
+        assert names_exist(str(raised.value))
+    with pytest.raises(AttributeError, match=r"'Scene' object has no attribute 'nonsense'$"):
+        result.provenance  # noqa: B018
+    with pytest.raises(ValueError, match=r"Write reference\.image for a result$"):
+        dmis.relmse(result, result)
 
 
 @pytest.mark.parametrize("word", COMMAND_LINE)
