@@ -171,15 +171,8 @@ def mean_of(step: str, measure: Measure) -> float:
     return math.exp(sum(math.log(over(scene, *STEPS[step], measure).value) for scene in scenes) / len(scenes))
 
 
-def percent(ratio: float) -> str:
-    """Return a ratio in percent."""
-    return f"{100 * ratio:.0f} %"
-
-
 def sentences() -> dict[str, list[str]]:
     """Return fragments of prose with numbers, by page."""
-    alone = [step for step in STEPS if step != "sky compensation"]
-    points, numbers, shares = (percent(mean_of(step, "relmse")) for step in alone)
     won = {m: [over(scene, AUTO, SOBOL, m) for scene in measured()] for m in MEASURES}
     saved = {m: sorted(100 * (1 - ratio.value) for ratio in ratios if ratio.high < 1) for m, ratios in won.items()}
     thesis = sorted(100 * over(scene, AUTO, PLAIN, "relmse").value for scene in measured())
@@ -191,10 +184,6 @@ def sentences() -> dict[str, list[str]]:
         "README.md": [
             f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} %",
             f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % on all six",
-            f"Sobol points cut this error to {points}",
-            f"(docs/rules.md#sky-compensation) to {percent(mean_of('sky compensation', 'relmse'))} (on TT)",
-            f"learned numbers of samples per pixel to {numbers}",
-            f"learned numbers of light and BRDF samples to {shares}",
             f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE of this baseline",
         ],
         "results.md": [
