@@ -105,7 +105,7 @@ def test_learned_technique_rounds_and_heuristic(tmp_path: Path) -> None:
     (tmp_path / "gentle.py").write_text(code_of("A heuristic"), "utf-8")
     for file in (
         tmp_path / "gentle.py",
-        *(ROOT / "examples" / "extending" / f"{name}.py" for name in ("guided", "twice")),
+        *(ROOT / "examples" / "extending" / f"{name}.py" for name in ("guided", "twice", "largest")),
     ):
         plugins.load_plugin(file)
     for name, integrator in (("cornell", "path"), ("tt", "direct")):
@@ -113,13 +113,32 @@ def test_learned_technique_rounds_and_heuristic(tmp_path: Path) -> None:
         render = partial(dmis.render, scene, spp=64, integrator=integrator)
         balance = render("balance", seed=1)
         for seed, rule in enumerate(
-            ("guided", "twice", "fixed:0.3,combiner=gentle", "second-moment:combiner=gentle"), 2
+            ("guided", "twice", "largest", "fixed:0.3,combiner=gentle", "second-moment:combiner=gentle"), 2
         ):
             result = render(rule, seed=seed)
             assert abs(results_z(result, balance)) < Z_LIMIT, rule
             processes = render(rule, seed=seed, parallel=dmis.Processes(2))
             np.testing.assert_array_equal(processes.image, result.image)
             assert (result.rays.get("table", 0) > 0) == (rule == "guided")
+
+
+def test_statistic(box: dmis.Scene) -> None:
+    """The largest value of a pixel is at least its mean for each lamp, and stands at this pixel."""
+    names, films = defined("largest.py"), []
+
+    class Keep(names["ByLargest"]):  # type: ignore[misc,name-defined]
+        def rounds(self, budget: Any) -> Any:
+            rounds = super().rounds(budget)
+            films.append((yield next(rounds)))
+            yield rounds.send(films[0])
+
+    result = dmis.render(box, Keep(), 64, seed=1, parallel=1, integrator="direct")
+    image = films[0].mean.mean(2)
+    largest = names["pixels_together"](films[0].sums["largest"], image.shape)
+    lit = largest > 0  # the others see the lamp itself, or nothing
+    assert lit.mean() > 0.5 and np.all(largest[lit] * 1.001 >= image[lit] / len(box.lights))
+    assert np.corrcoef(largest[lit], image[lit])[0, 1] > 0.5
+    assert np.ptp(result.samples) > 0
 
 
 @pytest.mark.parametrize(

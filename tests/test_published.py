@@ -26,7 +26,7 @@ OTHER_FILES = {
     "images/samples.svg": "drawn by hand",
     "images/explain.webp": "drawn by the command of docs/explain.md",
     "images/play.png": "a screenshot of the play page",
-    "images/paper-figure.png": "made by the commands of docs/report.md",
+    "images/paper-figure.png": "made by the commands of docs/cli.md",
     "figures/captions.json": "titles and captions of all figures",
     "tables/reproduction-full.csv": "made by commit c8bbb91, in hours",
     "tables/reproduction-original.csv": "needs the public pbrt-v2 files",
