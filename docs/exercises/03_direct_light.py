@@ -1,8 +1,9 @@
 """Exercise 3 (hard): direct light, one light sample for each point.
 
-A matte surface has the BRDF albedo / pi. The light is visible from every point. An
-estimate is f / p: BRDF times radiance times cosine, divided by the density per solid
-angle.
+A matte surface has the BRDF albedo / pi. Nothing is between the points and the light.
+An estimate is f / p: BRDF times radiance times cosine, divided by the density per solid
+angle. The light shines on one side only, and a part of it may be below the surface of a
+point. Three lines are enough, if they handle these cases.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 3 mine.py``.
 """
@@ -22,8 +23,10 @@ def direct_light(p, n, albedo, light, u):
     albedo
         Share of the light that the surface reflects, by channel, ``(3, 1)``.
     light
-        A `dmis.QuadLight`. ``light.sample(p, u)`` holds ``wi`` ``(3, N)``,
-        ``radiance`` ``(3, N)`` or ``(3, 1)``, ``emits`` and ``pdf`` ``(N,)``.
+        A `dmis.QuadLight`. ``light.sample(p, u)`` has the fields ``wi`` ``(3, N)``,
+        directions to the light; ``radiance`` ``(3, N)`` or ``(3, 1)``, as if each
+        direction met the bright side; ``emits`` ``(N,)``, whether it does; and ``pdf``
+        ``(N,)``, the density per solid angle.
     u
         Uniform numbers, ``(2, N)``.
     """

@@ -2,8 +2,8 @@
 
 Take N samples, of which exactly w N are light samples, and weight them by the balance
 heuristic. Derive V, which is N times the variance of the mean of all samples. Light
-samples vary around their mean m_l, BRDF samples around their mean m_b. The starter
-computes V for samples that each pick their technique at random.
+samples vary around their mean m_l, and BRDF samples around their mean m_b. The starter
+computes V for another case: each sample picks its technique at random.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 12 mine.py``.
 """

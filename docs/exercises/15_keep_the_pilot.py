@@ -1,8 +1,8 @@
 """Exercise 15 (hard): keep the samples of the pilot in the image.
 
 The pilot's samples are unbiased, so they may improve the image. The starter weights
-the means of both passes by their estimated inverse variances. This seems sensible, but
-is wrong.
+the means of both passes by their estimated inverse variances. This seems right, but the
+image becomes biased.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 15 mine.py``.
 """

@@ -1,6 +1,6 @@
 """Exercise 19 (easy): which pixels deserve more samples?
 
-The error of the image is the sum of V / n over its pixels, its cost the sum of n C.
+The error of the image is the sum of V / n over its pixels; the cost is the sum of n C.
 Equation (20) of the theory page is the best n.
 
 Copy this file to mine.py, and check it: ``python docs/exercises/checks 19 mine.py``.

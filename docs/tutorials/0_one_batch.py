@@ -12,12 +12,12 @@ After this tutorial you can
 A renderer in NumPy processes a *batch*: all rays of an image at once. Each step is a
 few operations on whole arrays. This tutorial builds one batch with the modules of dmis.
 
-This tutorial uses five terms; tutorials 1 to 3 explain why they matter. An *estimate*
-is a random number whose mean is the integral that we want. A *density* says how often a
-random direction is picked: the probability per solid angle. A *technique* is a way to
-pick directions, with its own density. The *variance* of an estimate is its mean squared
-distance from its mean. The *standard error* is the square root of the variance of a
-mean.
+This tutorial uses five terms; tutorials 1 to 3 explain why these terms matter. An
+*estimate* is a random number whose mean is the integral that we want. A *density* says
+how often a random direction is picked: it is the probability per solid angle. A
+*technique* is a way to pick directions, with its own density. The *variance* of an
+estimate is its mean squared distance from its mean. The *standard error* is the square
+root of the variance of a mean.
 """
 
 import os
@@ -177,8 +177,9 @@ image = np.moveaxis(samples.mean(axis=1), 0, -1)  # (height, width, 3)
 # %%
 # Four arrays of the batch, averaged over the camera samples of each pixel, make images:
 # the normals, the fraction of light samples that reach the light, and half of
-# :math:`f / p_w` of each technique. Light sampling finds the light from every point.
-# BRDF sampling finds the light only where the lobe points at it.
+# :math:`f / p_w` of each technique. Light sampling finds the light from every point
+# outside of the shadow; the ball blocks the light in the black part of "light reached".
+# BRDF sampling finds the light only where the lobe points at the light.
 reached = np.broadcast_to(np.any(terms[0] > 0, axis=0), n.shape)
 arrays = (n + 1) / 2, reached, terms[0] / 2, terms[1] / 2
 titles = "normals", "light reached", "light samples, half", "BRDF samples, half"
@@ -199,9 +200,12 @@ for axis, values, title in zip(axes.flat, arrays, titles, strict=True):
 #
 #    z = \frac{x - y}{\sqrt{\sigma_x^2 + \sigma_y^2}}
 #
-# With 16 samples z is nearly normally distributed, so :math:`|z| > 2` in about 4.6 % of
-# the pixels. The code also computes z for the mean of the whole image. This z is
-# between -3 and 3 in 99.7 % of all runs.
+# A normally distributed z has :math:`|z| > 2` in 4.6 % of the pixels. Here each
+# variance is an estimate from 16 samples. So z nearly follows Student's t with 30
+# degrees of freedom, whose tails are wider: expect about 5.5 %, or 5 to 6 % in one run.
+# The white patches of the third picture are pixels without light, where both images are
+# exactly 0. The code also computes z for the mean of the whole image. This z is between
+# -3 and 3 in 99.7 % of all runs.
 material = dmis.Material((lobe,), "metal")
 scene = dmis.Scene(camera, (dmis.Part(mesh, material),), (light,))
 result = dmis.render(scene, "balance", spp, seed=2, sampler="independent")
@@ -219,8 +223,8 @@ shown = plot.heat(axes[2], z, title, cmap="RdBu", vmin=-4, vmax=4)
 figure.colorbar(shown, ax=axes[2], label="z")
 
 # %%
-# These are all steps of direct lighting. The page "The estimator in sixty lines" has
-# code for any scene. The next tutorials are about the noise.
+# Direct lighting has no other steps. The page "The estimator in sixty lines" shows code
+# for any scene. The next tutorials explain the noise.
 #
 # Exercises
 # ---------

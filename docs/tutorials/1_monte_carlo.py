@@ -68,9 +68,9 @@ for n, values in estimates.items():
     print(f"{n:5d} directions: mean {values.mean():.4f}, variance {values.var():.6f}")
 
 # %%
-# On average the estimates are right, even with few directions. They are *unbiased*:
-# :math:`\mathrm{E}[\hat I] = I`. But their *variance*, the mean of their squared
-# distance from I, depends on n:
+# On average the estimates are right, even with few directions. Such estimates are
+# *unbiased*: :math:`\mathrm{E}[\hat I] = I`. But their *variance*, the mean of their
+# squared distance from I, depends on n:
 #
 # .. math::
 #
@@ -110,7 +110,7 @@ right.legend()
 # The standard error of the mean is then :math:`s / \sqrt{n}`. If n is large, the
 # interval :math:`\hat I \pm 1.96\, s / \sqrt{n}` contains I in about 95 % of all cases.
 # The class `dmis.variance.moments.Moments` stores n, the mean and the sum of squared
-# deviations. It can also merge these moments of several sets of samples.
+# deviations. The class can also merge these moments of several sets of samples.
 for n in (2, 16, 1024):
     values = Moments.of(samples_of(n, 20_000)).variance()
     print(f"{n:4d} samples: variance {values.mean():.3f}, spread {values.std():.3f}")
@@ -119,13 +119,13 @@ for n in (2, 16, 1024):
 # Even from two samples the estimate of the variance is right on average. But the spread
 # of this estimate is twice the variance. Tutorial 5 shows the consequences.
 #
-# The same in an image
-# --------------------
+# Noise in an image
+# -----------------
 # The scene ``teapot-area-light`` is a pot under a round lamp. The rule ``uniform``
 # samples uniform directions at each point, as above. Neighbouring pixels have different
 # errors. We see these differences as noise.
 #
-# The formulas of this tutorial are for independent samples, so the code asks for the
+# The formulas of this tutorial hold for independent samples, so the code uses the
 # sampler ``independent``. The default sampler uses low-discrepancy points.
 scene = dmis.load_scene("teapot-area-light", resolution=RESOLUTION)
 images = {
@@ -166,8 +166,8 @@ for n, result in images.items():
 # %%
 # With four times the samples the error falls to a quarter, and the renderer's own
 # estimate agrees. But the eye sees the square root of the variance, so halving the
-# noise takes four times as many samples. It is better to lower the variance of each
-# sample, as the other tutorials do.
+# noise takes four times as many samples. The other tutorials lower the variance of each
+# sample instead.
 #
 # Exercises
 # ---------
@@ -179,8 +179,8 @@ for n, result in images.items():
 #    (``05_lamp_variance.py``).
 # 6. *Hard.* Merge the moments of two parts, without loss of digits (``06_merge.py``).
 #
-# To think about: make the lamp smaller. How fast does the variance over the squared
-# integral grow? Render with ``sampler="sobol"``: is the error lower, and does
+# To think about: make the lamp smaller. How fast does the ratio of the variance to the
+# squared integral grow? Render with ``sampler="sobol"``: is the error lower, and does
 # `Result.variance` agree?
 for path in plot.show("1_monte_carlo"):
     print(path)

@@ -95,7 +95,7 @@ for name, (z, density) in ways.items():
 #
 # The scene ``veach-mis`` is a classic of Veach and Guibas (1995). Four metal plates
 # reflect four lamps. The plates are smooth at the back and rough in front. The lamps
-# are small at the left and large at the right; all emit the same power.
+# are small at the left and large at the right; all lamps emit the same power.
 scene = dmis.load_scene("veach-mis", resolution=RESOLUTION)
 brdf = dmis.render(scene, "fixed:0", 16, seed=1, sampler="independent")
 light = dmis.render(scene, "fixed:1", 16, seed=1, sampler="independent")
@@ -109,10 +109,10 @@ plot.picture(axes[1], light.image, "light sampling, w = 1")
 #
 # Light sampling is good for small lamps, for rough plates and for walls. But a smooth
 # plate reflects only a few points of a large lamp to the viewer. Light sampling seldom
-# picks these points; when it does, :math:`f / p_l` is very large.
+# picks these points, and then :math:`f / p_l` is very large.
 #
-# Who is better where?
-# --------------------
+# Which technique is better where?
+# --------------------------------
 # Each pixel has an estimate of its variance. This estimate is noisy, so we take the
 # mean over patches of 8 by 8 pixels.
 patch = 4 if QUICK else 8
@@ -125,8 +125,8 @@ shown = plot.heat(axis, logarithm, title, window, cmap="RdBu", vmin=-3, vmax=3)
 figure.colorbar(shown, ax=axis, label="log₁₀ of variance, BRDF / light")
 
 # %%
-# Neither technique wins everywhere. Smooth plates with large lamps are red; rough
-# plates and small lamps are blue.
+# Neither technique wins everywhere. BRDF sampling wins where smooth plates reflect
+# large lamps (red); light sampling wins on rough plates and with small lamps (blue).
 #
 # The dark red patches at the left and around the reflections mislead. There BRDF
 # sampling found no light at all. All its samples are zero, so its estimated variance is
@@ -156,7 +156,7 @@ for exponent, y in rows.items():
 
 # %%
 # The ratios in one image span several powers of ten. A renderer with only one technique
-# would be bad somewhere in the image. Tutorial 3 combines both.
+# would be very noisy somewhere in the image. Tutorial 3 combines both.
 #
 # Exercises
 # ---------

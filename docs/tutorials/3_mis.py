@@ -104,7 +104,8 @@ plot.picture(axis, result.image, "one light + one BRDF sample, balance heuristic
 # What does each technique contribute? The image is the sum of two images: the mean of
 # :math:`W_l f / p_l` over light samples, and the mean of :math:`W_b f / p_b` over BRDF
 # samples. The third picture shows in false colours which fraction the light samples
-# contribute: blue means only light samples, red only BRDF samples.
+# contribute. In blue pixels only light samples contribute; in red pixels only BRDF
+# samples contribute.
 table = dmis.samples(scene, spp=16, seed=1, sampler="independent")
 light, brdf = (table.rows(table.technique == k).radiance().mean(axis=0) for k in (0, 1))
 figure, axes = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained")
@@ -137,15 +138,15 @@ for rule in rules:
 # %%
 # Each technique alone has a much larger error than ``balance``. The power heuristic
 # (``pbrt``) and ``cutoff`` have nearly the error of ``balance``; ``maximum`` has a
-# larger one. Veach's theorem bounds the possible gain: for the same samples, other
+# larger error. Veach's theorem bounds the possible gain: for the same samples, other
 # *non-negative* weights lower the variance of the balance heuristic by at most
 #
 # .. math::
 #
 #    \left( \frac{1}{\min(n_l, n_b)} - \frac{1}{N} \right) I^2
 #
-# Negative weights may gain more; the combiner ``optimal`` uses them. There is no bound
-# on how much worse than balance other weights can be.
+# Negative weights may gain more; the combiner ``optimal`` uses them. No bound says how
+# much worse than balance other weights can be.
 #
 # ``one-sample`` chooses the technique of each sample at random. Its error is larger
 # than that of ``balance``: *fixed* numbers of samples reduce the variance.
@@ -190,8 +191,8 @@ axis.legend()
 # The share w = 1/2 never fails. But at two of these places the error of the best share
 # is only a fifth of the error at w = 1/2. On the smooth plate nearly all samples should
 # be BRDF samples; on the third plate nearly all should be light samples. The best share
-# differs between parts of the image, and nobody knows it before rendering. But a few
-# samples can estimate the best share in advance. This is the idea of the thesis.
+# differs between parts of the image, and is unknown before rendering. But a few samples
+# can estimate the best share in advance. The thesis is based on this idea.
 #
 # Exercises
 # ---------

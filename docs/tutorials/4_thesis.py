@@ -43,8 +43,8 @@ scene = dmis.load_scene("teapot-area-light", resolution=(SIDE, SIDE))
 # each. A dot is a shading sample, and the area of the dot is the weight. On the left, w
 # divides the *samples*: w = 3/4 means six light samples and two BRDF samples. On the
 # right, w tilts the *heuristic*: there are always four of each kind, and w decides
-# which kind counts more. This tutorial follows the second reading, because it comes
-# nearer to the thesis's numbers.
+# which kind counts more. This tutorial follows the second reading, because its results
+# are nearer to the thesis's numbers.
 figure, axes = plt.subplots(1, 2, figsize=(11, 2.2), layout="constrained")
 readings = {
     "w divides the samples": (np.arange(8) < 6, np.ones(8)),
@@ -223,10 +223,10 @@ for k in (1, 2):
 # took six of the 32 samples. But light samples need shadow rays, and pilot and fit take
 # time. The second ratio includes these costs.
 #
-# If w weighs the heuristic, the gain is smaller, because every camera sample takes a
-# BRDF sample, whatever w is. With 32 samples the gain hardly pays for the six pilot
-# samples. With the thesis's 128 samples the gain does pay for the pilot on this scene.
-# The page "The thesis" compares both readings.
+# If w tilts the heuristic, the gain is smaller, because every camera sample takes a
+# BRDF sample, whatever w is. With 32 samples the gain hardly makes up for the six pilot
+# samples. With the thesis's 128 samples the gain is larger than the cost of the pilot
+# on this scene. The page "The thesis" compares both readings.
 #
 # On other scenes the rule loses, even at equal samples. The next tutorial explains why,
 # and what helps.

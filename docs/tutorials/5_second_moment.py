@@ -7,12 +7,12 @@ After this tutorial you can
 * compute the probability that a pilot misses a bright spot;
 * say where a parabola is wrong, and why this costs little;
 * estimate the variance at every share from the samples of one pilot;
-* explain why low-discrepancy points beat better shares, and when both pay.
+* explain why low-discrepancy points beat better shares, and when both help.
 
 The rule of the thesis lost on two of its four scenes. The parabola is not the reason:
 with exact variances it would win. The reason is that two samples of a bad technique
-often look good. A better estimate uses every sample to predict the variance at every
-share.
+often show little variance. A better estimate uses every sample to predict the variance
+at every share.
 """
 
 import os
@@ -92,14 +92,14 @@ axes[1].set_title("the same, enlarged")
 axes[0].legend()
 
 # %%
-# The variance is a sum of terms like :math:`1 / (w\, p_l + (1 - w)\, p_b)`: it is steep
-# at the ends and flat between them. The parabola dips below zero although its points
-# are exact. If one end is far above the other points, the minimum of the parabola is
-# near 3/4 or 1/4, wherever the best share is.
+# The variance is a sum of terms like :math:`1 / (w\, p_l + (1 - w)\, p_b)`, so its
+# curve is steep at the ends and flat between the ends. The parabola dips below zero
+# although its points are exact. If one end is far above the other points, the minimum
+# of the parabola is near 3/4 or 1/4, wherever the best share is.
 #
 # But this minimum is on the side of 1/2 where the variance is lower. If V(w) only falls
-# or only rises, a parabola through exact points never loses against w = 1/2; it only
-# misses a part of the gain. The proof is in `dmis/fit/thesis.py`.
+# or only rises, a parabola through exact points never loses against w = 1/2. The
+# parabola only misses a part of the gain. The proof is in `dmis/fit/thesis.py`.
 half = curve[HALF]
 for name, value in (
     ("at the parabola's minimum", np.interp(minimum, GRID, curve)),
@@ -110,7 +110,7 @@ for name, value in (
     print(f"variance over that at w = 1/2, {name}: {value / half:.2f}")
 
 # %%
-# So the loss comes from the pilot, not from the parabola.
+# So the pilot causes the loss, not the parabola.
 #
 # Every sample at every share
 # ---------------------------

@@ -9,7 +9,7 @@ After this tutorial you can
 * write a rule that decides how many samples each technique gets;
 * compare your rule with others, in a table with intervals.
 
-Each extension takes a few lines of code, and then works like a built-in one in
+Each extension takes a few lines of code, and then works like a built-in extension in
 `render`, in `compare`, in plots and in tables.
 """
 

@@ -29,8 +29,8 @@ rng = np.random.default_rng(1)
 # One of four lamps
 # -----------------
 # A matte floor lies under four square lamps that face down. All lamps are at the same
-# height, so none hides another. Each pixel is one point of the floor, on a line below
-# the lamps.
+# height, so no lamp hides another lamp. Each pixel is one point of the floor, on a line
+# below the lamps.
 CENTRE = np.array([-1.2, -0.4, 0.3, 1.2])  # x of each lamp
 HEIGHT = 0.6
 SIDE = np.array([0.1, 0.5, 0.2, 0.9])
@@ -152,14 +152,14 @@ for name, table in (("right", right), ("forgets q", wrong)):
 # %%
 # Up to noise each technique alone has the right mean, even with this mistake, because
 # it divides only by its own density. But with the balance heuristic the image is too
-# dark, which is hard to see. The doctor finds the fault from the samples:
+# dark, and this is hard to see. The doctor finds the fault from the samples:
 print(dmis.diagnose(right).text(), "\n")
 print(dmis.diagnose(wrong).text())
 
 # %%
-# The doctor reports which column is wrong, in which rows, and by which factor: 4, which
-# is 1 / q. The figure shows the mean of each pixel: the wrong mean is too dark
-# everywhere, most of all where both techniques contribute.
+# The doctor reports which column is wrong, in which rows, and by which factor. The
+# factor is 4 = 1 / q. The figure shows the mean of each pixel: the wrong mean is too
+# dark everywhere, most of all where both techniques contribute.
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
 for name, table in (("right", right), ("forgets q", wrong)):
     axis.plot(x, estimates(table).sum(axis=0).mean(axis=1), label=name)
@@ -227,11 +227,11 @@ for name, values in (("once", gathered), ("twice", gathered + met_again)):
     print(f"{name:6}: {values.mean():.4f} ± {error:.4f}")
 
 # %%
-# The floor gets twice the light everywhere, which is invisible without a second image.
-# The doctor cannot find this fault, because all samples are right and only their sum is
-# wrong. A white furnace test shows the fault. A comparison also shows the fault: direct
-# light and paths of one surface must have the same mean. In dmis both images have the
-# same bits.
+# The floor gets twice the light everywhere. This fault is invisible without a second
+# image. The doctor cannot find this fault, because all samples are right and only their
+# sum is wrong. A white furnace test shows the fault. A comparison also shows the fault:
+# direct light and paths of one surface must have the same mean. In dmis both images
+# have the same bits.
 scene = dmis.load_scene("cornell", resolution=(24, 24) if QUICK else (96, 96))
 ways = {"direct": {}, "path": {"max_depth": 1}}
 images = [

@@ -74,9 +74,10 @@ def direct_light(module: ModuleType) -> Iterator[Outcome]:
         for channel, colour in enumerate(("red", "green", "blue")):
             yield z_test(f"{name}, {colour}", radiance[channel], float(exact[channel]), advice)
         bright = call(module, "direct_light", *arguments[:3], _BRIGHT, arguments[4], shapes=[(3, n)])[0]
-        advice = "The estimate is linear in the radiance: a limit of large values makes the image too dark"
+        advice = "The estimate is linear in the radiance: limiting large values makes the image too dark"
         yield compare(f"{name}: 10,000 times the light", bright, radiance * 10_000, 1e-3, advice)
         if (radiance < 0).any():
+            advice = "Light from below the surface counts 0: there the cosine is negative"
             yield Outcome(name, False, f"radiance is never negative; got {radiance.min():.3g}. {advice}")
 
 
