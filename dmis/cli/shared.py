@@ -75,6 +75,8 @@ def read_sky(text: str, up: tuple[float, float, float]) -> EnvironmentLight:
     try:
         values = tuple(map(float, text.split()))
     except ValueError:
+        if not Path(text).is_file():
+            raise FileNotFoundError(f"no such image: {text}; --light takes an image file or 'R G B': '1 1 1'") from None
         y_up = up[1] != 0
         return EnvironmentLight(text, np.eye(3)[[0, 2, 1]] if y_up else np.diag((1.0, -1.0, 1.0)))  # type: ignore[arg-type]
     if len(values) not in (1, 3):

@@ -69,7 +69,7 @@ def test_skies_are_upright_and_not_mirrored(tmp_path, up):
 @pytest.mark.parametrize(
     "words, message",
     [
-        (["--light", "no.hdr"], "no such image: no.hdr"),
+        (["--light", "no.hdr"], "no such image: no.hdr; --light takes an image file or 'R G B'"),
         (["--light", "1 2"], "one number or three; got 2: '1 2'"),
         (["--light=-1 0 0"], "not negative"),
         (["--camera", "front"], "the name or number of one in .*: none; got 'front'"),

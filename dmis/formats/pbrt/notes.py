@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.dialect import IRRELEVANT
-from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, ParameterSet
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, UNDEFINED, ParameterSet
 from dmis.formats.pbrt.tokens import PbrtError, Source, Token
 from dmis.scene.scene import SceneWarning
 
@@ -43,7 +43,8 @@ class Notes:
     def add_parameters(self, p: ParameterSet) -> None:
         """Note the findings about the parameters of a line, and the parameters that no reader has used."""
         for kind, item in p.findings:
-            self.add(kind, f"{item.name!r} of {item.directive.text}", item.token)
+            texture = f"{item.values[0]!r} for " if kind == UNDEFINED else ""
+            self.add(kind, f"{texture}{item.name!r} of {item.directive.text}", item.token)
         for name, item in p.items.items():
             directive = item.directive.text
             if name in p.read_names:

@@ -122,7 +122,7 @@ def test_what_is_not_defined(read, dialect):
     scene, texts = read(dialect, "", 'Material "matte" "texture Kd" "a" "texture sigma" "b"')
     assert scene.parts[0].material.lobes[0].reflectance == (0.5, 0.5, 0.5)
     begin = f"texture that is not defined, its parameter's default taken{AS_PBRT}"
-    assert texts == [f"{begin}'Kd' of Material (line 2), 'sigma' of Material (line 2)"]
+    assert texts == [f"{begin}'a' for 'Kd' of Material (line 2), 'b' for 'sigma' of Material (line 2)"]
 
 
 def test_empty_meshes_are_left_out(read):
