@@ -275,16 +275,17 @@ def sentences() -> dict[str, list[str]]:
         "mis-bench.md": [f"of {apart[0]} pairs of rules (absolute) and of {apart[1]} pairs (relative)", right],
         "results.md": [
             "save {} on killeroo-diffuse, {} on veach-mis, {} on the teapot, {} on tt".format(*tilts),
-            f"save {100 * shares[0]:.0f} to {100 * shares[-1]:.0f} %, "
-            f"in geometric mean {saved(of('share per patch'))}.",
-            f"One share for the image saves {saved(of('one share'))} in geometric mean.",
-            f"**Numbers of camera samples** save {saved(of('counts'))} in geometric mean.",
+            f"save {100 * shares[0]:.0f} to {100 * shares[-1]:.0f} %; "
+            f"in the geometric mean they save {saved(of('share per patch'))}.",
+            f"One share for the image saves {saved(of('one share'))} in the geometric mean.",
+            f"**Numbers of camera samples** save {saved(of('counts'))} in the geometric mean.",
             f"At full size the shares of `auto` raise variance × cost by more than 2 % in at most {harm:.0f} %",
             f"agree with the bounds within {renders_differ():.2f}",
             "from {} to {} of the variance on the teapot and from {} to {} on killeroo-diffuse".format(*edges),
             "{} instead of {} on the teapot, and {} instead of {} on killeroo-diffuse.".format(*best),
-            f"Rules with tilts are {over[0]} to {over[-1]} % above their bound in geometric mean.",
-            f"Of {pairs} pairs {differ} ({100 * differ / pairs:.0f} %) change places",
+            f"Rules with tilts are {over[0]} to {over[-1]} % above their bound in the geometric mean.",
+            f"For {pairs} pairs of rules, the interval of their ratio excludes 1 at both sizes; "
+            f"{differ} of these pairs ({100 * differ / pairs:.0f} %) have the opposite order",
             "{} for `thesis`, {} for `second-moment` and {} for the best shares".format(*reference),
         ],
     }
