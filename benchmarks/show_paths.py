@@ -84,8 +84,8 @@ def sentences() -> dict[str, list[str]]:
     return {
         "paths.md": [
             f"{span(first, 'mse')} of the MSE and {span(first, 'relmse')} of the relMSE",
-            f"leaves {values('sky compensation', 'relmse')[0]} of the relMSE of TT",
-            f"leaves {values('light tree', 'relmse')[0]} of the relMSE of `ten-lights`",
+            f"lowers the relMSE of TT to {values('sky compensation', 'relmse')[0]}",
+            f"lowers the relMSE of `ten-lights` to {values('light tree', 'relmse')[0]}",
             f"{min(values('numbers of samples', 'relmse')[2:])} to {max(values('numbers of samples', 'relmse')[2:])}",
         ]
     }
