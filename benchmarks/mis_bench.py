@@ -92,8 +92,8 @@ def measure_truth(scene: Scene, settings: Settings, spp: int = SPP, seed: int = 
     height, width = job.budget.shape
     variances, powers, costs = [], [], []
     for number, (y, x) in enumerate(np.ndindex(-(-height // PATCH), -(-width // PATCH))):
-        area = ((y * PATCH, min((y + 1) * PATCH, height)), (x * PATCH, min((x + 1) * PATCH, width)))
-        tile = partial(Tile, job.seed, 0, number, rows=area[0], columns=area[1])
+        area = slice(y * PATCH, min((y + 1) * PATCH, height)), slice(x * PATCH, min((x + 1) * PATCH, width))
+        tile = partial(Tile, job.seed, 0, number, area=area)
         measure = partial(_measure, job.scene, tile, spp)
         all_shares, ends = np.array([0, *GRID, 1], np.float32), np.array([0, 0.5, 1], np.float32)
         shares, rays, radiance = measure(paired, partial(Curves, grid=all_shares))

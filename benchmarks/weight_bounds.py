@@ -203,7 +203,7 @@ def measure_bounds(scene: Scene, settings: Settings, patches: int = PATCHES, spp
     shares = np.stack([GRID, 1 - GRID])
     values, costs = [], []
     for number, (y, x) in enumerate(places.tolist()):
-        area = (y * PATCH, (y + 1) * PATCH), (x * PATCH, (x + 1) * PATCH)
+        area = slice(y * PATCH, (y + 1) * PATCH), slice(x * PATCH, (x + 1) * PATCH)
         sums, films = [], []
         for half in range(2):
             statistics: list[ShareTiltMoments] = []
@@ -213,7 +213,7 @@ def measure_bounds(scene: Scene, settings: Settings, patches: int = PATCHES, spp
                 return statistics[-1]
 
             round_ = Round(spp // 2, shares_of(0.5), paired, statistic=keep)
-            films.append(render_tile(job.scene, Tile(job.seed, half, number, *area, round_)))
+            films.append(render_tile(job.scene, Tile(job.seed, half, number, area, round_)))
             sums.append(statistics[0].sums())
         radiance = np.mean([film.mean.mean(axis=2).reshape(-1) for film in films], axis=0) * job.gain
         weights = np.stack([np.ones(radiance.size), 1 / (radiance**2 + BOUND)]) * job.gain**2 / radiance.size

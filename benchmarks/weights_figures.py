@@ -54,17 +54,17 @@ def edge_map(scene: Scene, settings: Settings, spp: int = SPP) -> Array:
     result = np.zeros((2, height, width))
     round_ = Round(spp, shares_of(0.5), pilot_settings(job.settings, paired=True))
     for number, (y, x) in enumerate(np.ndindex(-(-height // SIDE), -(-width // SIDE))):
-        rows, columns = ((a * SIDE, min((a + 1) * SIDE, n)) for a, n in ((y, height), (x, width)))
+        rows, columns = (slice(a * SIDE, min((a + 1) * SIDE, n)) for a, n in ((y, height), (x, width)))
         statistics: list[ShareTiltMoments] = []
 
         def keep(pixels: int, s: int, statistics: list[ShareTiltMoments] = statistics) -> ShareTiltMoments:
             statistics.append(ShareTiltMoments(pixels, s, np.array([0.5], np.float32)))
             return statistics[-1]
 
-        render_tile(job.scene, Tile(1, 0, number, rows, columns, replace(round_, statistic=keep)))
+        render_tile(job.scene, Tile(1, 0, number, (rows, columns), replace(round_, statistic=keep)))
         sums = statistics[0].sums()
         v = variance(sums["terms"], sums["position"], grid=np.array([0.5], np.float32))[0, 0]
-        result[:, slice(*rows), slice(*columns)] = np.reshape([sums["position"], v], (2, rows[1] - rows[0], -1))
+        result[:, rows, columns] = np.reshape([sums["position"], v], (2, rows.stop - rows.start, -1))
     part, v = result
     low = v < 1e-3 * v.mean()
     return np.where(low, np.nan, np.clip(part / np.where(low, 1, v), 0, 1))

@@ -135,6 +135,8 @@ class CountingCaster:
 
     Attributes
     ----------
+    pixel
+        Pixels of the camera samples of the batch that is traced, ``(N,)``.
     rays
         Rays traced so far, by kind, see `dmis.pipeline.result.Result.rays`.
     seconds
@@ -143,13 +145,9 @@ class CountingCaster:
 
     def __init__(self, caster: RayCaster, of_pixels: Array | None = None, stop: Event | None = None) -> None:
         self._caster, self._of_pixels, self._stop = caster, of_pixels, stop
-        self._pixel = np.empty(0, np.int64)
+        self.pixel = np.empty(0, np.int64)
         self.rays = Counter(camera=0)
         self.seconds = 0.0
-
-    def start(self, pixel: np.ndarray) -> None:
-        """Begin a batch of camera samples, of which `pixel` ``(N,)`` are the pixels."""
-        self._pixel = pixel
 
     def closest(self, kind: str, origin: Array, direction: Array, sample: Selection | None) -> Hits:
         """Return the first hits of rays of a kind, one for each of the camera samples `sample` (None: all).
@@ -185,4 +183,4 @@ class CountingCaster:
             raise CancelledError
         if self._of_pixels is not None:
             pixels = self._of_pixels[query]
-            pixels += np.bincount(take(self._pixel, sample), minlength=len(pixels))
+            pixels += np.bincount(take(self.pixel, sample), minlength=len(pixels))

@@ -231,7 +231,7 @@ def image_tile(scene: Scene, seed: int, round_: Round, pass_: int = 0) -> Tile:
     """Return the tile of a round that is the whole image, with settings for the scene in place of ``auto``."""
     width, height = scene.camera.resolution
     settings = merge_settings(round_.settings, scene)[0]
-    return Tile(seed, pass_, 0, (0, height), (0, width), replace(round_, settings=settings))
+    return Tile(seed, pass_, 0, (slice(0, height), slice(0, width)), replace(round_, settings=settings))
 
 
 def tile_of(

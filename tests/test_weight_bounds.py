@@ -36,7 +36,7 @@ def test_moments_are_the_curves(name: str, integrator: str) -> None:
             return statistics[-1]
 
         round_ = Round(spp, shares_of(0.5), settings, statistic=keep)  # type: ignore[arg-type]
-        render_tile(job.scene, Tile(1, 0, 0, (8, 12), (8, 12), round_))
+        render_tile(job.scene, Tile(1, 0, 0, (slice(8, 12), slice(8, 12)), round_))
         return statistics[0].sums()  # type: ignore[no-any-return]
 
     paired = pilot_settings(job.settings, paired=True)

@@ -124,8 +124,7 @@ def samples(
     resolution = job.scene.camera.resolution  # of a window, that of the whole image
     recorder, rays = _Recorder(weight, job.settings.shading_samples), Counter[str]()
     for tile in make_tiles(resolution, seed, 0, next(job.rule.rounds(job.budget))):
-        row = np.arange(*tile.rows)[:, None] - top
-        column = np.arange(*tile.columns) - left
+        row, column = np.mgrid[tile.area] - np.reshape((top, left), (2, 1, 1))
         inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
         recorder.begin(np.where(inside, row * width + column, -1).reshape(-1))
         if np.isin(recorder.pixels, chosen).any():

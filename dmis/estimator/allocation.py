@@ -120,20 +120,15 @@ def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SampleBlock:
-    """Camera samples `first` to ``first + count`` of each of some `pixels` of a tile, sample-major."""
+    """Camera samples `first` to ``first + count`` of each of some `pixels` of a tile, sample-major.
+
+    In arrays of their batch ``(..., N)`` they are the `columns`.
+    """
 
     pixels: np.ndarray
     first: int
     count: int
-
-
-def values_of_blocks(blocks: Sequence[SampleBlock], values: Array) -> Iterator[tuple[SampleBlock, Array]]:
-    """Yield each block and the `values` ``(..., N)`` of its camera samples, ``(..., count, A)``."""
-    begin = 0
-    for block in blocks:
-        end = begin + block.count * len(block.pixels)
-        yield block, values[..., begin:end].reshape(*values.shape[:-1], block.count, -1)
-        begin = end
+    columns: slice
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +178,7 @@ def restore_order(order: np.ndarray | None, values: Array, records: Sequence[Rec
 def allocate(
     batches: Iterable[Sequence[SampleBlock]],
     shares: Array,
-    pixels: int,
+    offsets: Array,
     settings: Settings,
     numbers: Numbers,
     spp: Array | int = 0,
@@ -199,17 +194,18 @@ def allocate(
     Parameters
     ----------
     shares, tilt
-        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all P `pixels` are the same; see `CameraSamples`.
+        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all P pixels are the same; see `CameraSamples`.
+    offsets
+        Random offsets of the rounding in [0, 1), ``(K - 1, P)``.
     numbers
-        Offsets of roundings, and techniques that are picked at random, come from here.
+        Techniques that are picked at random, and the order of the rounding, come from here.
     spp, begin
         Camera samples of each pixel, and number of the first in its sequence, ``(P,)`` or one number each.
     halvings
         Of each light, ``(L + 1, P)``, see `dmis.estimator.patterns.PatternMap`; None: all samples sample all lights.
     """
-    spp, begin = np.broadcast_to(spp, pixels), np.broadcast_to(begin, pixels)
+    spp, begin = (np.broadcast_to(n, offsets.shape[1]) for n in (spp, begin))
     s, random = settings.shading_samples, settings.allocation == "random"
-    offset = numbers.rounding_offsets(len(shares) - 1, pixels)
     whole = whole_counts(shares, s, random)
     rounded = np.abs(s * shares.astype(float) - np.rint(s * shares.astype(float))) >= 1e-5
     keeps_order = ~rounded.any(axis=0)
@@ -225,7 +221,7 @@ def allocate(
                 divided = random_counts(shares, numbers.techniques(s, len(pixel)), pixel)
             else:
                 in_sequence = _sequence_numbers(keeps_order, numbers, pixel, number)
-                divided, before = systematic_counts(shares, s, pixel, in_sequence, offset)
+                divided, before = systematic_counts(shares, s, pixel, in_sequence, offsets)
             first = divided[0]
             # few different numbers: this takes less time than a stable sort
             order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
@@ -267,6 +263,11 @@ def sample_batches(spp: np.ndarray | int, pixels: np.ndarray, size: int) -> Iter
         for begin, of, (start, stop) in zip(begins[:-1], active, itertools.pairwise(stops), strict=True)
     ]
     for k in range(len(edges) - 1):
-        blocks = [SampleBlock(of, cut[k], cut[k + 1] - cut[k]) for of, cut in zip(active, cuts, strict=True)]
-        if blocks := [block for block in blocks if block.count]:
+        blocks: list[SampleBlock] = []
+        end = 0
+        for of, cut in zip(active, cuts, strict=True):
+            if count := cut[k + 1] - cut[k]:
+                begin, end = end, end + count * len(of)
+                blocks.append(SampleBlock(of, cut[k], count, slice(begin, end)))
+        if blocks:
             yield blocks

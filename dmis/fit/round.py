@@ -7,7 +7,7 @@ shares of samples, and no more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -179,6 +179,18 @@ class Round:
         spp, begin = (n if isinstance(n, int) else n.reshape(-1) for n in (self.spp, self.begin))
         tilt = None if self.tilt is None else _shares_in_row_order(self.tilt)
         return replace(self, spp=spp, begin=begin, shares=_shares_in_row_order(self.shares), tilt=tilt)
+
+    def groups(self, pixels: int) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
+        """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings.
+
+        Of a round of so many `pixels` in row order.
+        """
+        if self.patterns is None:
+            yield np.arange(pixels), self.spp, self.shares, self.settings
+            return
+        for group, n, (n_l, n_b) in self.patterns.groups(np.broadcast_to(self.spp, pixels)):
+            shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
+            yield group, n, shares, replace(self.settings, shading_samples=n_l + n_b)
 
     def technique_samples(self) -> tuple[Array, Array, Array]:
         """Return the camera samples of each pixel, and its light and BRDF samples, those of `before` included.

@@ -22,7 +22,7 @@ from dmis.light.coincident import find_overlaps, lamp_triangles
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import Light
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS, Numbers
+from dmis.samplers.streams import Numbers
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene, SceneWarning
@@ -84,7 +84,7 @@ def lit_share(scene: Scene) -> float:
     origin, direction = scene.camera.lens_rays(x * width, y * height)
     settings = Settings(integrator="path", max_depth=4, sampler="independent")
     block = PixelBlock(rng, 1, np.arange(places), [SPP], settings.shading_samples)
-    numbers = Numbers(SAMPLERS["independent"](block), rng)
+    numbers = Numbers("independent", block)
     samples = CameraSamples(
         pixel=np.tile(np.arange(places), SPP),
         number=np.repeat(np.arange(SPP), places),

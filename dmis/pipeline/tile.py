@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Event
 
@@ -12,7 +12,7 @@ import numpy as np
 from dmis.base.patches import PATCH, by_colour, patch_sum, pixels_apart
 from dmis.base.plugins import checked, guarded, is_shipped
 from dmis.base.vectors import Array, distinct, indices
-from dmis.estimator.allocation import SampleBlock, allocate, restore_order, sample_batches, values_of_blocks
+from dmis.estimator.allocation import SampleBlock, allocate, restore_order, sample_batches
 from dmis.estimator.batch import Batch
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import PIXEL_SUMS, Record, Records, Statistic, Wants, wants_of
@@ -22,7 +22,7 @@ from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import CountingCaster, RayCaster
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS, Numbers, is_sequence, stream
+from dmis.samplers.streams import Numbers, is_sequence, stream
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks
 
@@ -46,8 +46,8 @@ class Tile:
     ----------
     seed, pass_, number
         Seed, number of the round and number of the tile: the random stream is made from them.
-    rows, columns
-        ``(begin, end)`` in the image.
+    area
+        Rows and columns in the image.
     round
         The round of these pixels, see `dmis.fit.round.Round.of_area`.
     """
@@ -55,51 +55,25 @@ class Tile:
     seed: int
     pass_: int
     number: int
-    rows: tuple[int, int]
-    columns: tuple[int, int]
+    area: tuple[slice, slice]
     round: Round
-
-    @property
-    def area(self) -> tuple[slice, slice]:
-        """`rows` and `columns` as slices."""
-        return slice(*self.rows), slice(*self.columns)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Numbers of rows and columns."""
-        return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
+        rows, columns = self.area
+        return rows.stop - rows.start, columns.stop - columns.start
 
     @property
     def pixels(self) -> int:
         """P, number of pixels."""
-        return self.shape[0] * self.shape[1]
+        return math.prod(self.shape)
 
     @property
     def camera_samples(self) -> int:
         """Number of camera samples of all pixels."""
         spp = self.round.spp
         return self.pixels * spp if isinstance(spp, int) else int(spp.sum())
-
-    def numbers(self, settings: Settings, width: int, rng: np.random.Generator) -> Numbers:
-        """Return the random numbers of the pixels, in an image of `width` pixels."""
-        rows, columns = np.arange(*self.rows), np.arange(*self.columns)
-        pixels = (rows[:, None] * width + columns).reshape(-1)
-        stops = distinct(self.round.spp + self.round.begin).tolist()
-        block = PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples)
-        sampler = SAMPLERS[settings.sampler]
-        if not is_shipped(sampler):
-            sampler = guarded(f"sampler {settings.sampler}", sampler)
-        return Numbers(sampler(block), rng)
-
-    def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
-        """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""
-        spp, patterns, settings = self.round.spp, self.round.patterns, self.round.settings
-        if patterns is None:
-            yield np.arange(self.pixels), spp, self.round.shares, settings
-            return
-        for pixels, n, (n_l, n_b) in patterns.groups(np.broadcast_to(spp, self.pixels)):
-            shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
-            yield pixels, n, shares, replace(settings, shading_samples=n_l + n_b)
 
 
 def batch_size(settings: Settings) -> int:
@@ -121,15 +95,10 @@ def make_tiles(resolution: tuple[int, int], seed: int, pass_: int, round_: Round
     """Return the tiles of one round over an image of `resolution` (width, height), in row order."""
     uneven = not isinstance(round_.spp, int) or round_.patterns is not None
     areas = tile_areas(resolution, float(np.mean(round_.spp)), uneven, batch_size(round_.settings))
-    return [
-        Tile(seed, pass_, number, rows, columns, round_.of_area((slice(*rows), slice(*columns))))
-        for number, (rows, columns) in enumerate(areas)
-    ]
+    return [Tile(seed, pass_, number, area, round_.of_area(area)) for number, area in enumerate(areas)]
 
 
-def tile_areas(
-    resolution: tuple[int, int], spp: float, uneven: bool, batch: int
-) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+def tile_areas(resolution: tuple[int, int], spp: float, uneven: bool, batch: int) -> list[tuple[slice, slice]]:
     """Return rows and columns of the tiles of an image, for a mean number `spp` of samples.
 
     Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch; `UNEVEN` times as many where
@@ -142,7 +111,7 @@ def tile_areas(
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [
-        ((y, min(y + down, height)), (x, min(x + across, width)))
+        (slice(y, min(y + down, height)), slice(x, min(x + across, width)))
         for y in range(0, height, down)
         for x in range(0, width, across)
     ]
@@ -161,29 +130,32 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     ValueError
         If a pixel is not finite.
     """
+    size = batch_size(tile.round.settings)
     statistic = None if tile.round.statistic is None else TileStatistic(tile, tile.round.statistic)
     covered = None if scene.covered_pixels is None else scene.covered_pixels[tile.area].reshape(-1)
-    size = batch_size(tile.round.settings)
-    y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[tile.area])
-    tile = replace(tile, round=tile.round.in_row_order())
-    round_, shading_samples = tile.round, tile.round.settings.shading_samples
-    rng = stream(tile.seed, tile.pass_, tile.number)
-    in_blocks = round_.halvings is not None or is_sequence(round_.settings.sampler)
+    in_blocks = tile.round.halvings is not None or is_sequence(tile.round.settings.sampler)
+    round_, shading_samples = tile.round.in_row_order(), tile.round.settings.shading_samples
     moments = SubBlocks(round_.spp, tile.pixels) if in_blocks else PixelMoments(tile.pixels)
     techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
     collector = None
     if combiner.collector is not None:
         collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))
     counting = CountingCaster(caster or scene.intersector, None if statistic is None else statistic.pixel_sums, stop)
-    for pixels, spp, shares, settings in tile.groups():
-        numbers = tile.numbers(settings, scene.camera.resolution[0], rng)
+    rng = stream(tile.seed, tile.pass_, tile.number)
+    y, x = np.mgrid[tile.area].reshape(2, -1)
+    corners = x.astype(np.float32), y.astype(np.float32)
+    in_image = y * scene.camera.resolution[0] + x
+    stops = distinct(round_.spp + round_.begin).tolist()
+    for pixels, spp, shares, settings in round_.groups(tile.pixels):
+        numbers = Numbers(settings.sampler, PixelBlock(rng, tile.seed, in_image, stops, settings.shading_samples))
+        offsets = numbers.rounding_offsets(len(shares) - 1, tile.pixels)
         batches = sample_batches(spp, pixels, size)
         of_round = round_.spp, round_.begin, round_.tilt, round_.halvings
         # n_1 of the S shading samples of a camera sample to the first technique, w S on average
-        for blocks, samples in allocate(batches, shares, tile.pixels, settings, numbers, *of_round):
+        for blocks, samples in allocate(batches, shares, offsets, settings, numbers, *of_round):
             numbers.start(samples.pixel, samples.number)
-            rays = _camera_rays(scene, numbers, (x, y), samples.pixel)
-            counting.start(samples.pixel)
+            rays = _camera_rays(scene, numbers, corners, samples.pixel)
+            counting.pixel = samples.pixel
             records = None if collector is None else Records()
             if statistic is not None and statistic.wants.records:
                 records = Records(statistic.wants.directions)
@@ -198,11 +170,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
             if statistic is not None:
                 statistic.add(blocks, values, ordered)
             # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2
-            for block, of_block in values_of_blocks(blocks, values):
-                moments.add(of_block.swapaxes(0, 1), block.pixels, block.first)
-            if samples.subsets is not None and isinstance(moments, SubBlocks):
-                for block, of_block in values_of_blocks(blocks, samples.subsets.radiance):
-                    moments.add_sums(of_block.sum(axis=2, dtype=np.float64), block.pixels)
+            moments.add(blocks, values, None if samples.subsets is None else samples.subsets.radiance)
     total = moments.total()
     if collector is not None:
         total = replace(total, mean=total.mean + collector.correction())
@@ -235,8 +203,8 @@ class TileStatistic:
         """Add the radiance ``(3, N)`` of the camera samples of one batch, and the records of their shading samples."""
         self._statistic.add(records, values, blocks[0].count)
         if self.pixel_sums is not None:
-            for block, of_block in values_of_blocks(blocks, values):
-                squares = np.square(of_block).mean(axis=0)
+            for block in blocks:
+                squares = np.square(values[:, block.columns].reshape(3, block.count, -1)).mean(axis=0)
                 self.pixel_sums[2, block.pixels] += squares.sum(axis=0, dtype=np.float64)
 
     def sums(self) -> dict[str, Array]:
@@ -299,7 +267,7 @@ def _film_of(total: Moments, tile: Tile) -> Film:
         bad = int(np.argmin(finite))
         row, column = divmod(bad, tile.shape[1])
         raise ValueError(
-            f"pixel at row {tile.rows[0] + row}, column {tile.columns[0] + column} must be finite; got "
+            f"pixel at row {tile.area[0].start + row}, column {tile.area[1].start + column} must be finite; got "
             f"{total.mean[:, bad].tolist()} with squared deviations {total.m2[:, bad].tolist()}. Something there is "
             f"beyond what float32 holds, or a material divides by 0"
         )

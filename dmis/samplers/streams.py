@@ -20,7 +20,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from dmis.base.plugins import Later, Registry, checked, is_shipped
+from dmis.base.plugins import Later, Registry, checked, guarded
 from dmis.base.validate import check_array
 from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, PICK, PixelBlock
@@ -109,16 +109,15 @@ class Numbers:
     Parameters
     ----------
     sampler
-        Source of pairs, which it may spread evenly over the samples of a pixel.
-    rng
-        Source of single numbers, which are independent.
+        Name of the source of pairs, which it may spread evenly over the samples of a pixel.
+    block
+        The pixels. The generator is the source of single numbers, which are independent.
     """
 
-    def __init__(self, sampler: Sampler, rng: np.random.Generator) -> None:
-        self.rng, self._sampler = rng, checked(sampler, _METHODS, in_place=True)
-        self._own = not is_shipped(type(sampler))
-        if self._own and not isinstance(sampler, Sampler):
-            raise ValueError(f"sampler {type(sampler).__name__} must have methods start and draw: docs/extending.md")
+    def __init__(self, sampler: str, block: PixelBlock) -> None:
+        self.rng = block.rng
+        self._own = sampler not in SAMPLERS.shipped
+        self._sampler = _own_sampler(sampler, block) if self._own else SAMPLERS[sampler](block)
         self._blocks = self._sampler if isinstance(self._sampler, BlockSampler) else None  # once: to ask takes 10 µs
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
@@ -200,7 +199,15 @@ class Numbers:
         return self._sampler.rounding_order(number) if isinstance(self._sampler, RoundingSampler) else None
 
 
-_METHODS = dict.fromkeys(("start", "draw", "draw_block", "rounding_offsets", "rounding_order"))
+def _own_sampler(name: str, block: PixelBlock) -> Sampler:
+    """Return a sampler that is not shipped, with guarded methods; a ValueError unless it is one."""
+    sampler: Sampler = guarded(f"sampler {name}", SAMPLERS[name])(block)
+    methods = ("start", "draw", "draw_block", "rounding_offsets", "rounding_order")
+    sampler = checked(sampler, dict.fromkeys(methods), in_place=True)
+    if not isinstance(sampler, Sampler):
+        raise ValueError(f"sampler {type(sampler).__name__} must have methods start and draw: docs/extending.md")
+    return sampler
+
 
 SamplerFactory = Callable[[PixelBlock], Sampler]
 """Makes the sampler of the pixels of one tile."""

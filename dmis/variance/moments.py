@@ -24,6 +24,7 @@ import numpy as np
 
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array, distinct
+from dmis.estimator.allocation import SampleBlock
 from dmis.estimator.records import BLOCKS
 from dmis.estimator.technique import BRDF, LIGHT, Technique
 
@@ -89,16 +90,14 @@ class PixelMoments:
         self._pixels = pixels
         self._total = Moments(0, *np.zeros((2, 3, pixels)))
 
-    def add(self, samples: Array, pixels: np.ndarray, first: int = 0) -> None:
-        """Add n samples of each of A `pixels` ``(A,)``, which differ and ascend; `samples` are ``(n, 3, A)``.
-
-        Their numbers, from `first` on, do not matter here.
-        """
-        block = Moments.of(samples)
-        if len(pixels) == self._pixels:
-            self._total = self._total.merge(block)
-        else:
-            self._merge_some(block, pixels)
+    def add(self, blocks: Sequence[SampleBlock], values: Array, subsets: Array | None = None) -> None:
+        """Add the `values` ``(3, N)`` of the camera samples of a batch; `subsets` are those of `SubBlocks` alone."""
+        for block in blocks:
+            moments = Moments.of(values[:, block.columns].reshape(3, block.count, -1).swapaxes(0, 1))
+            if len(block.pixels) == self._pixels:
+                self._total = self._total.merge(moments)
+            else:
+                self._merge_some(moments, block.pixels)
 
     def _merge_some(self, block: Moments, pixels: np.ndarray) -> None:
         """Merge the moments of some `pixels`."""
@@ -130,23 +129,26 @@ class SubBlocks:
         self._n = np.broadcast_to(n, pixels)
         self._sum = np.zeros((BLOCKS, 3, pixels))
 
-    def add(self, samples: Array, pixels: np.ndarray, first: int) -> None:
-        """Add the samples ``(count, 3, A)``, those from number `first` on, of the `pixels` ``(A,)``."""
-        numbers = self._n.take(pixels)
-        for n in distinct(numbers):
-            chosen = slice(None) if (numbers == n).all() else np.flatnonzero(numbers == n)
-            part = samples[..., chosen]
-            places = pixels[chosen]
-            blocks = max(1, min(int(n), BLOCKS))
-            starts = -(-np.arange(blocks + 1) * int(n) // blocks) - first
-            for block, begin, end in zip(self._sum, starts[:-1], starts[1:], strict=False):
-                within = part[max(begin, 0) : max(end, 0)]
-                if len(within):
-                    block[:, places] += within.sum(axis=0, dtype=np.float64)
+    def add(self, blocks: Sequence[SampleBlock], values: Array, subsets: Array | None = None) -> None:
+        """Add the `values` ``(3, N)`` of the camera samples of a batch, and those of `subsets` by sub-block.
 
-    def add_sums(self, sums: Array, pixels: np.ndarray) -> None:
-        """Add to the sums of the sub-blocks of the `pixels` ``(A,)``; `sums` are ``(B, 3, A)``."""
-        self._sum[:, :, pixels] += sums
+        The latter are ``(B, 3, N)``, see `dmis.estimator.patterns.LightSubsets`.
+        """
+        for block in blocks:
+            samples = values[:, block.columns].reshape(3, block.count, -1).swapaxes(0, 1)
+            numbers = self._n.take(block.pixels)
+            for n in distinct(numbers):
+                chosen = slice(None) if (numbers == n).all() else np.flatnonzero(numbers == n)
+                part = samples[..., chosen]
+                places = block.pixels[chosen]
+                starts = -(-np.arange(min(n, BLOCKS) + 1) * n // min(n, BLOCKS)) - block.first
+                for total, begin, end in zip(self._sum, starts[:-1], starts[1:], strict=False):
+                    within = part[max(begin, 0) : max(end, 0)]
+                    if len(within):
+                        total[:, places] += within.sum(axis=0, dtype=np.float64)
+        for block in blocks if subsets is not None else ():
+            samples = subsets[..., block.columns].reshape(BLOCKS, 3, block.count, -1)
+            self._sum[..., block.pixels] += samples.sum(axis=2, dtype=np.float64)
 
     def total(self) -> Moments:
         """Return mean and n of the samples, with the m2 that independent samples of the variance v would have."""

@@ -85,7 +85,8 @@ def table(scene: dmis.Scene, spp: int = 16, seed: int = 0) -> dict[str, Any]:
     width, height = job.scene.camera.resolution
     recorder = Recorder(job.scene.plan.sampled_lights(job.settings.lights, 0))
     for tile in make_tiles((width, height), seed, 0, next(job.rule.rounds(job.budget))):
-        recorder.begin((np.arange(*tile.rows)[:, None] * width + np.arange(*tile.columns)).reshape(-1))
+        y, x = np.mgrid[tile.area].reshape(2, -1)
+        recorder.begin(y * width + x)
         render_tile(job.scene, replace(tile, round=replace(tile.round, statistic=lambda *_: recorder)))
     columns = dict(zip(COLUMNS, map(np.concatenate, zip(*recorder.rows, strict=True)), strict=True))
     columns["f"] *= np.float32(job.gain)

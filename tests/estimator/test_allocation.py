@@ -17,7 +17,7 @@ from dmis.estimator.allocation import (
 )
 from dmis.estimator.records import Record
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS, Numbers
+from dmis.samplers.streams import Numbers
 from dmis.testing.statistics import chi2_p
 
 PIXELS = 12
@@ -48,7 +48,8 @@ def allocated(batches, shares, spp, settings):
     """Blocks and camera samples of a tile with the sampler of the settings."""
     rng = np.random.default_rng(2)
     block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
-    return allocate(batches, shares, PIXELS, settings, Numbers(SAMPLERS[settings.sampler](block), rng))
+    numbers = Numbers(settings.sampler, block)
+    return allocate(batches, shares, numbers.rounding_offsets(len(shares) - 1, PIXELS), settings, numbers)
 
 
 @pytest.mark.parametrize("sampler", ["independent", "sobol"])

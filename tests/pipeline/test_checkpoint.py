@@ -212,7 +212,7 @@ def stored(path):
     rng = np.random.default_rng(1)
     moments = rng.random((2, 4, 4, 3), np.float32)
     store = checkpoint.Store(path, {"seed": 1})
-    tile = Tile(1, 0, 5, (0, 4), (4, 8), Round(2, shares_of(0.5), dmis.Settings()))
+    tile = Tile(1, 0, 5, (slice(0, 4), slice(4, 8)), Round(2, shares_of(0.5), dmis.Settings()))
     store.append(tile, Film(2, *moments, {"camera": 5}, {"sums": rng.random((2, 1, 1))}))
     return store, path / "0-5.npz"
 

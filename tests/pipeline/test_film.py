@@ -33,11 +33,11 @@ def tiles():
     """Three tiles of random moments and sums that cover an image whose last row is a patch of its own."""
     rng, areas = np.random.default_rng(1), [((0, 4), (0, 4)), ((0, 4), (4, 8)), ((4, 5), (0, 8))]
     tiles = []
-    for number, (rows, columns) in enumerate(areas):
-        shape = rows[1] - rows[0], columns[1] - columns[0]
+    for number, ((top, bottom), (left, right)) in enumerate(areas):
+        shape = bottom - top, right - left
         moments = rng.random((2, *shape, 3), np.float32)
         sums = {"curve": rng.random((2, *(-(-n // PATCH) for n in shape)))}
-        tile = Tile(1, 3, number, rows, columns, ROUND)
+        tile = Tile(1, 3, number, (slice(top, bottom), slice(left, right)), ROUND)
         tiles.append((tile, Film(number + 1, *moments, {"camera": 10**number}, sums)))
     return tiles
 

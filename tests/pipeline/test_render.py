@@ -34,7 +34,7 @@ def test_tiles_cover_every_pixel_once(spp):
     times_covered = np.zeros((171, 229), int)
     tiles = make_tiles((229, 171), 1, 0, Round(spp, shares_of(0.5), dmis.Settings()))
     for tile in tiles:
-        times_covered[slice(*tile.rows), slice(*tile.columns)] += 1
+        times_covered[tile.area] += 1
         assert max(tile.shape) <= MAX_SIDE and tile.camera_samples == spp * tile.pixels
     assert (times_covered == 1).all()
     assert [tile.number for tile in tiles] == list(range(len(tiles)))
@@ -46,7 +46,7 @@ def test_tiles_have_the_maps_of_their_pixels():
     spp, shares = rng.integers(1, 9, (40, 50)), rng.dirichlet((1, 1, 1), (40, 50)).transpose(2, 0, 1)
     patterns = PatternMap(((1, 1),), rng.integers(0, 9, (40, 50)), rng.integers(0, 4, (3, 40, 50)))
     for tile in make_tiles((50, 40), 1, 0, Round(spp, shares, settings, tilt=shares[::-1], patterns=patterns)):
-        area = slice(*tile.rows), slice(*tile.columns)
+        area = tile.area
         row = tile.round.in_row_order()
         np.testing.assert_array_equal(row.spp, spp[area].reshape(-1))
         np.testing.assert_array_equal(row.shares, [share[area].reshape(-1) for share in shares])

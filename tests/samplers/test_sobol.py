@@ -27,8 +27,12 @@ PATH = ("camera", LIGHT, NEXT_LIGHT, (CONTINUE, CONTINUE, 0, 0), (CONTINUE, CONT
 
 def sampler(pixels: Array | int, seed: int = 3) -> Sobol:
     """A sampler of some pixels of an image, or of the first ones."""
+    return Sobol(block_of(pixels, seed))
+
+
+def block_of(pixels: Array | int, seed: int = 3) -> PixelBlock:
     pixels = np.arange(pixels) if isinstance(pixels, int) else pixels
-    return Sobol(PixelBlock(stream(seed, 0, 0), seed, pixels, [16], 2))
+    return PixelBlock(stream(seed, 0, 0), seed, pixels, [16], 2)
 
 
 DIGITS = 24
@@ -192,7 +196,7 @@ def test_images_do_not_depend_on_tiles_and_passes(monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr(tiles, "MAX_SIDE", side)
         image = np.zeros((12, 20, 3), np.float32)
         for tile in tiles.make_tiles((20, 12), 5, pass_, round_):
-            image[slice(*tile.rows), slice(*tile.columns)] = tiles.render_tile(scene, tile).mean
+            image[tile.area] = tiles.render_tile(scene, tile).mean
         images.append(image)
     np.testing.assert_array_equal(*images)
 
@@ -226,10 +230,11 @@ def test_lights_are_picked_evenly(bounces: int) -> None:
     """Of 128 points 64 pick each of two lights, and 16 each of eight; those of one have their points on it in 2x2."""
     pixels, spp = 20, 128
     source = sampler(pixels)
-    numbers = Numbers(source, np.random.default_rng(1))
+    numbers = Numbers("sobol", block_of(pixels))
     pixel, number = np.tile(np.arange(pixels), spp), np.repeat(np.arange(spp), pixels)
     numbers.start(pixel, number)
     path = (CONTINUE,) * bounces
+    source.start(pixel, number)
     u = numbers.light((*path, 0), None).reshape(spp, pixels)
     for lights in (2, 8):
         picked = (u * lights).astype(int)
@@ -253,8 +258,8 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
     source = sampler(pixels)
     shares = pixel_shares(np.full(pixels, w))
     batches = sample_batches(spp, np.arange(pixels), 10**6)
-    numbers = Numbers(source, np.random.default_rng(1))
-    ((_, samples),) = allocate(batches, shares, pixels, settings, numbers)
+    numbers = Numbers("sobol", block_of(pixels))
+    ((_, samples),) = allocate(batches, shares, numbers.rounding_offsets(1, pixels), settings, numbers)
     first, before = np.asarray(samples.counts[0]).astype(int), samples.samples_before
     assert before is not None
     source.start(samples.pixel, samples.number)

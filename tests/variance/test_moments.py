@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import SampleBlock
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import Sobol
 from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks, join_films
@@ -58,7 +59,8 @@ def test_pixels_with_different_numbers_of_samples(order: tuple[int, ...]) -> Non
     values = [rng.gamma(0.5, size=(n, 3, len(pixels))) for pixels, n in blocks]
     moments = PixelMoments(6)
     for k in order:
-        moments.add(values[k], blocks[k][0])
+        pixels, n = blocks[k]
+        moments.add([SampleBlock(pixels, 0, n, slice(None))], values[k].swapaxes(0, 1).reshape(3, -1))
     total = moments.total()
     np.testing.assert_array_equal(total.n, [[3, 7, 7, 3, 3, 8]])
     for pixel in range(6):
@@ -123,7 +125,8 @@ def of_samples(values: np.ndarray, n: np.ndarray | int, cuts: tuple[int, ...] = 
     edges = sorted({e for e in edges if e <= numbers.max()})
     for begin, end in itertools.pairwise(edges):
         active = np.flatnonzero(numbers >= end)
-        blocks.add(np.repeat(values[begin:end, None, active], 3, axis=1), active, begin)
+        block = SampleBlock(active, begin, end - begin, slice(None))
+        blocks.add([block], np.tile(values[begin:end, active].reshape(-1), (3, 1)))
     return blocks
 
 
