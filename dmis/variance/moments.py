@@ -146,9 +146,10 @@ class SubBlocks:
                     within = part[max(begin, 0) : max(end, 0)]
                     if len(within):
                         total[:, places] += within.sum(axis=0, dtype=np.float64)
-        for block in blocks if subsets is not None else ():
-            samples = subsets[..., block.columns].reshape(BLOCKS, 3, block.count, -1)
-            self._sum[..., block.pixels] += samples.sum(axis=2, dtype=np.float64)
+        if subsets is not None:
+            for block in blocks:
+                sums = subsets[..., block.columns].reshape(BLOCKS, 3, block.count, -1).sum(axis=2, dtype=np.float64)
+                self._sum[..., block.pixels] += sums
 
     def total(self) -> Moments:
         """Return mean and n of the samples, with the m2 that independent samples of the variance v would have."""
