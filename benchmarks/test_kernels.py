@@ -13,7 +13,7 @@ from dmis.base.vectors import Array, frame, normalise
 from dmis.brdf import materials, models
 from dmis.brdf.cosines import Directions
 from dmis.brdf.texture import Image
-from dmis.estimator.technique import SampledLight
+from dmis.estimator.mis import SampledLight
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers import warp

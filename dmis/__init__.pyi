@@ -29,11 +29,11 @@ from dmis.brdf.relief import BumpMap as BumpMap
 from dmis.brdf.relief import NormalMap as NormalMap
 from dmis.brdf.texture import Image as Image
 from dmis.doctor.diagnosis import diagnose as diagnose
+from dmis.estimator.mis import Technique as Technique
 from dmis.estimator.mis import register_heuristic as register_heuristic
+from dmis.estimator.mis import register_technique as register_technique
 from dmis.estimator.records import Wants as Wants
 from dmis.estimator.settings import Settings as Settings
-from dmis.estimator.technique import Technique as Technique
-from dmis.estimator.technique import register_technique as register_technique
 from dmis.experiment.metrics import mse as mse
 from dmis.experiment.metrics import relmse as relmse
 from dmis.experiment.oracle_renders import make_oracle as make_oracle

@@ -29,9 +29,8 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import Material, plastic
-from dmis.estimator.mis import COMBINERS
+from dmis.estimator.mis import COMBINERS, TECHNIQUES
 from dmis.estimator.settings import Settings
-from dmis.estimator.technique import TECHNIQUES
 from dmis.experiment.runs import Run
 from dmis.fit.registry import RULES
 from dmis.fit.round import Round

@@ -20,7 +20,7 @@ import dmis
 from dmis.base import plugins
 from dmis.cli.commands import main
 from dmis.estimator import mis
-from dmis.estimator.technique import TECHNIQUES
+from dmis.estimator.mis import TECHNIQUES
 from dmis.fit.round import Round
 from dmis.pipeline.job import resolve
 from dmis.scene.groups import light_part

@@ -17,8 +17,7 @@ import dmis
 from dmis.base import plugins
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.specular import SpecularReflection
-from dmis.estimator.mis import balance
-from dmis.estimator.technique import BRDF
+from dmis.estimator.mis import BRDF, balance
 from dmis.fit.round import Round
 from dmis.geometry.shapes import quad
 from dmis.light.delta import PointLight
@@ -216,7 +215,7 @@ PLUGIN = """
 import numpy as np
 import dmis
 from dmis.brdf.diffuse import Lambert
-from dmis.estimator.technique import BRDF
+from dmis.estimator.mis import BRDF
 from dmis.fit.round import Round
 from dmis.samplers.streams import Independent
 

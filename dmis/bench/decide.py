@@ -12,9 +12,9 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.bench.data import Pilots
 from dmis.bench.samples import SampleTable
+from dmis.estimator.mis import BRDF, LIGHT
 from dmis.estimator.records import PIXEL_SUMS, Record, wants_of
 from dmis.estimator.settings import Settings
-from dmis.estimator.technique import BRDF, LIGHT
 from dmis.fit.fixed import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Round

@@ -11,9 +11,9 @@ import numpy as np
 
 from dmis.base.vectors import TINY, Array, take
 from dmis.estimator.cost import CAMERA, RAY, count_camera_samples, surface_points
+from dmis.estimator.mis import SHADING
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings, make_settings
-from dmis.estimator.technique import SHADING
 from dmis.fit.fixed import Fixed
 from dmis.pipeline.job import resolve
 from dmis.pipeline.tile import make_tiles, render_tile

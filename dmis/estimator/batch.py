@@ -8,10 +8,9 @@ import numpy as np
 
 from dmis.base.vectors import Array, Selection, compose, take
 from dmis.estimator.allocation import CameraSamples
-from dmis.estimator.mis import Combiner
+from dmis.estimator.mis import Combiner, Technique
 from dmis.estimator.records import Record, Records
 from dmis.estimator.settings import Settings
-from dmis.estimator.technique import Technique
 from dmis.intersect import CountingCaster
 from dmis.light.light_sample import LightSample
 from dmis.samplers.streams import Numbers

@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dmis.base.vectors import Array
+from dmis.estimator.mis import SHADING, Technique, technique_by_name
 from dmis.estimator.patterns import EQUAL, FIRST, SAMPLES_OF, SHARE_OF, SHARES
-from dmis.estimator.technique import SHADING, Technique, technique_by_name
 from dmis.intersect import UNTRACED
 
 CAMERA, RAY = 1.0, 0.4
 """A camera ray with its surface point; an occlusion ray. A shading sample before its ray is `SHADING`, or the
-`dmis.estimator.technique.Technique.cost` of another technique. Relative units.
+`dmis.estimator.mis.Technique.cost` of another technique. Relative units.
 """
 
 

@@ -34,8 +34,7 @@ from functools import partial
 from typing import Any
 
 from dmis.base.validate import did_you_mean, one_of, whole
-from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.technique import Technique, technique_by_name
+from dmis.estimator.mis import Technique, combiner_by_name, technique_by_name
 from dmis.light.light_sample import check_compensation
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.scene import Scene, SceneWarning

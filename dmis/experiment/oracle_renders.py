@@ -23,9 +23,9 @@ from dmis.base.patches import patch_mean
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.cost import RAY, camera_sample_cost
+from dmis.estimator.mis import technique_by_name
 from dmis.estimator.records import Record, Statistic
 from dmis.estimator.settings import DEFAULTS, PRESETS, Settings, make_settings
-from dmis.estimator.technique import technique_by_name
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, from_cache, render_halves
 from dmis.fit.round import Fit

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from dmis.base.plugins import Later, Registry, loaded_plugins, raised
 from dmis.base.validate import did_you_mean
-from dmis.estimator.technique import TECHNIQUES
+from dmis.estimator.mis import TECHNIQUES
 from dmis.fit.fixed import Fixed
 from dmis.fit.rule import Rule, check_form
 

@@ -16,9 +16,9 @@ import numpy as np
 from dmis.base.validate import one_of
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
+from dmis.estimator.mis import Technique, check_technique_form, technique_by_name
 from dmis.estimator.records import Statistic, wants_of
 from dmis.estimator.settings import Settings, check_mixture
-from dmis.estimator.technique import Technique, check_technique_form, technique_by_name
 from dmis.samplers.streams import stream
 from dmis.scene.plan import Plan
 from dmis.variance.moments import Film

@@ -16,9 +16,9 @@ import numpy as np
 
 from dmis.base.plugins import is_shipped, reraise
 from dmis.base.validate import number, whole
+from dmis.estimator.mis import technique_by_name
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import DEFAULTS, PRESETS, Settings, given_values
-from dmis.estimator.technique import technique_by_name
 from dmis.fit.round import Budget, Fit, Round, check_weigh, pilot_settings
 from dmis.scene.scene import Scene
 from dmis.scene.suggestions import Suggestions

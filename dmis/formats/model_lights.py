@@ -11,9 +11,8 @@ from dmis.base.color import Rgb
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples
 from dmis.estimator.batch import Batch
-from dmis.estimator.mis import Combiner
+from dmis.estimator.mis import BRDF, LIGHT, Combiner
 from dmis.estimator.settings import Settings
-from dmis.estimator.technique import BRDF, LIGHT
 from dmis.estimator.trace import radiance
 from dmis.formats.model import Model
 from dmis.intersect import CountingCaster

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmis.estimator.mis import COMBINERS
-from dmis.estimator.technique import technique_by_name
+from dmis.estimator.mis import COMBINERS, technique_by_name
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
 

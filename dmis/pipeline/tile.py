@@ -14,10 +14,9 @@ from dmis.base.plugins import checked, guarded, is_shipped
 from dmis.base.vectors import Array, distinct, indices
 from dmis.estimator.allocation import SampleBlock, allocate, restore_order, sample_batches
 from dmis.estimator.batch import Batch
-from dmis.estimator.mis import combiner_by_name
+from dmis.estimator.mis import checked_technique, combiner_by_name
 from dmis.estimator.records import PIXEL_SUMS, Record, Records, Statistic, Wants, wants_of
 from dmis.estimator.settings import Settings
-from dmis.estimator.technique import checked_technique
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import CountingCaster, RayCaster

@@ -10,8 +10,7 @@ from typing import Any
 from dmis.base.plugins import raised
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
-from dmis.estimator.mis import COMBINERS
-from dmis.estimator.technique import TECHNIQUES, Technique
+from dmis.estimator.mis import COMBINERS, TECHNIQUES, Technique
 from dmis.fit.registry import RULES
 from dmis.fit.rule import Rule
 from dmis.light.light import Light

@@ -11,7 +11,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import Material, matte, plastic
-from dmis.estimator.technique import TECHNIQUES, Technique, check_technique_form, checked_technique, register_technique
+from dmis.estimator.mis import TECHNIQUES, Technique, check_technique_form, checked_technique, register_technique
 from dmis.fit.fixed import Fixed
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight

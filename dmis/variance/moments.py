@@ -25,8 +25,8 @@ import numpy as np
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array, distinct
 from dmis.estimator.allocation import SampleBlock
+from dmis.estimator.mis import BRDF, LIGHT, Technique
 from dmis.estimator.records import BLOCKS
-from dmis.estimator.technique import BRDF, LIGHT, Technique
 
 
 @dataclass(frozen=True, eq=False)

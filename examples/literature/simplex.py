@@ -34,7 +34,7 @@ import numpy as np
 import dmis
 from dmis.base.patches import patch_spread, patch_sum
 from dmis.base.vectors import TINY
-from dmis.estimator.technique import technique_by_name
+from dmis.estimator.mis import technique_by_name
 from dmis.variance.curves import (
     CURVE_BATCH,
     MIN_DENSITY_RATIO,

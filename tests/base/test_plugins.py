@@ -50,7 +50,7 @@ def test_render_knows_a_rule_of_a_plugin(tmp_path: Path) -> None:
 TECHNIQUE = """
 from dataclasses import replace
 import dmis
-from dmis.estimator.technique import LIGHT
+from dmis.estimator.mis import LIGHT
 dmis.register_technique(replace(LIGHT, name="again", rays="again"))
 """
 

@@ -11,8 +11,7 @@ from helpers import fresh_python
 
 import dmis
 from dmis.base.plugins import Later, Registry
-from dmis.estimator.mis import COMBINERS, balance
-from dmis.estimator.technique import BRDF, TECHNIQUES
+from dmis.estimator.mis import BRDF, COMBINERS, TECHNIQUES, balance
 from dmis.fit.registry import RULES
 from dmis.samplers.streams import SAMPLERS, Independent
 

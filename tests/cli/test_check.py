@@ -21,7 +21,7 @@ import numpy as np
 import dmis
 from dmis.brdf.diffuse import CosineLobe, Lambert
 from dmis.brdf.lobe import Lobe
-from dmis.estimator.technique import BRDF
+from dmis.estimator.mis import BRDF
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dmis.estimator.cost import camera_sample_cost, pattern_costs, relative_costs
+from dmis.estimator.mis import BRDF
 from dmis.estimator.patterns import PATTERNS
-from dmis.estimator.technique import BRDF
 
 RAYS = {"camera": 80, "untraced": 20, "shadow": 300, "brdf": 60, "costly": 450, "delta": 100, "guide": 7}
 COSTLY = replace(BRDF, name="costly", rays="costly", cost=2.3)

@@ -12,7 +12,7 @@ from helpers import assert_found
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.estimator.technique import BRDF
+from dmis.estimator.mis import BRDF
 from dmis.fit.round import Round
 from dmis.testing.outcome import require
 from dmis.testing.rule_checks import check_rule

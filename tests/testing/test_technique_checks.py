@@ -11,7 +11,7 @@ from helpers import assert_found
 
 import dmis
 from dmis.base.vectors import Array, normalise
-from dmis.estimator.technique import TECHNIQUES
+from dmis.estimator.mis import TECHNIQUES
 from dmis.light.light_sample import LightSample
 from dmis.samplers.warp import INV_PI, square_to_sphere
 from dmis.testing.outcome import require
