@@ -18,9 +18,9 @@ import mitsuba as mi
 import numpy as np
 
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import Blinn, Isotropic
 from dmis.brdf.fresnel import Conductor, Dielectric, ExactConductor
+from dmis.brdf.lobe import Lambert
 from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX, Microfacet
 from dmis.brdf.texture import Image

@@ -14,8 +14,8 @@ import numpy as np
 from dmis.base.color import LUMINANCE
 from dmis.base.vectors import frame
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.diffuse import Lambert
 from dmis.brdf.fresnel import Conductor, Dielectric
+from dmis.brdf.lobe import Lambert
 from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.texture import Image

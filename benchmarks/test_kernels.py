@@ -11,7 +11,7 @@ import pytest
 
 from dmis.base.vectors import Array, frame, normalise
 from dmis.brdf import materials, models
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.brdf.texture import Image
 from dmis.estimator.mis import SampledLight
 from dmis.light.area import DiskLight, QuadLight, SphereLight

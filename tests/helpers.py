@@ -27,7 +27,7 @@ import scipy.stats
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.brdf.materials import Material, plastic
 from dmis.estimator.mis import COMBINERS, TECHNIQUES
 from dmis.estimator.settings import Settings

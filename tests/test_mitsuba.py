@@ -11,8 +11,8 @@ import pytest
 import dmis
 from dmis.base import vectors
 from dmis.base.color import LUMINANCE
-from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import ExactConductor
+from dmis.brdf.lobe import Directions
 from dmis.brdf.materials import glass, matte, metal, mirror, plastic, substrate
 from dmis.brdf.models import ggx
 from dmis.brdf.texture import Image

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 import dmis
-from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Lambert
 from dmis.brdf.phong import Lafortune
 from dmis.geometry import shapes, transforms
 from dmis.variance.moments import Film, Moments

@@ -15,7 +15,7 @@ from own_lights import HalfSky
 
 import dmis
 from dmis.base import plugins
-from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Lambert
 from dmis.brdf.specular import SpecularReflection
 from dmis.estimator.mis import BRDF, balance
 from dmis.fit.round import Round
@@ -214,7 +214,7 @@ def test_planted(kind: str, plant: str, integrator: str) -> None:
 PLUGIN = """
 import numpy as np
 import dmis
-from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Lambert
 from dmis.estimator.mis import BRDF
 from dmis.fit.round import Round
 from dmis.samplers.streams import Independent

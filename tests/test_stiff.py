@@ -14,7 +14,7 @@ from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.fit.registry import RULES
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import columns, polar, unit
@@ -141,7 +141,7 @@ def _lobe(material: dmis.Material, wo: Array, n: Array, wi: Array) -> tuple[Arra
 
 def test_a_pixel_that_is_no_number_is_no_image(monkeypatch) -> None:
     """Values of shipped code are not checked sample by sample; what is not finite is refused in the pixel's mean."""
-    monkeypatch.setattr(dmis.brdf.diffuse.Lambert, "eval", lambda self, directions: np.full((1, 1), np.inf, np.float32))
+    monkeypatch.setattr(dmis.brdf.lobe.Lambert, "eval", lambda self, directions: np.full((1, 1), np.inf, np.float32))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with pytest.raises(ValueError, match=r"pixel at row \d+, column \d+ must be finite"):

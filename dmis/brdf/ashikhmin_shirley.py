@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import MIN_COSINE, Directions
-from dmis.brdf.diffuse import CosineLobe
 from dmis.brdf.distributions import Distribution, HalfVectorLobe
 from dmis.brdf.fresnel import fifth_power
+from dmis.brdf.lobe import MIN_COSINE, CosineLobe, Directions
 from dmis.samplers.warp import INV_PI
 
 

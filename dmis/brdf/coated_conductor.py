@@ -39,10 +39,9 @@ import numpy as np
 from dmis.base.color import Rgb
 from dmis.base.vectors import TINY, Array, dot, normalise
 from dmis.brdf.coated_diffuse import LEAST_COSINE, NODES, interpolate, reflected, refracted
-from dmis.brdf.cosines import MIN_COSINE, Directions, LocalFrame
 from dmis.brdf.distributions import MIN_ALPHA, Isotropic
 from dmis.brdf.fresnel import Coat, ExactConductor, dielectric
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import MIN_COSINE, Directions, Lobe, LocalFrame
 from dmis.brdf.microfacet import GGX
 
 Metal = tuple[Rgb, Rgb]

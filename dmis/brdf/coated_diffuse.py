@@ -40,9 +40,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import CosineLobe
 from dmis.brdf.fresnel import dielectric
+from dmis.brdf.lobe import CosineLobe, Directions
 from dmis.samplers.warp import INV_PI
 
 DIFFUSE_NODES = 64

@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, frame, normalise
-from dmis.brdf.cosines import MIN_DIVISOR, Directions, LocalFrame
-from dmis.brdf.lobe import Lobe, Parameters
+from dmis.brdf.lobe import MIN_DIVISOR, Directions, Lobe, LocalFrame, Parameters
 from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
 
 

@@ -27,11 +27,9 @@ import numpy as np
 from dmis.base.color import Rgb
 from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import MAX_LOBE_EXPONENT
-from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.fresnel import Conductor, Dielectric, check_ior, check_metal_index
-from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.lobe import MAX_LOBE_EXPONENT, DeltaLobe, Lambert, Lobe, OrenNayar
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.texture import FLOAT32_MAX, Image, check_number, check_values, reads_images, scale
 

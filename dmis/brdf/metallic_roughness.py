@@ -16,10 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import ONE, Directions
-from dmis.brdf.diffuse import CosineLobe, Lambert
 from dmis.brdf.fresnel import Schlick, check_ior
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import ONE, CosineLobe, Directions, Lambert, Lobe
 from dmis.brdf.materials import Material, is_black
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.models import facet_roughness

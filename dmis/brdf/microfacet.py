@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.brdf.cosines import MIN_DIVISOR, ONE, Directions, LocalFrame
 from dmis.brdf.distributions import Distribution, HalfVectorLobe, Roughness, TrowbridgeReitz, reflect, stretched
 from dmis.brdf.fresnel import Fresnel
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import MIN_DIVISOR, ONE, Directions, Lobe, LocalFrame
 from dmis.samplers.warp import TWO_PI
 
 

@@ -25,11 +25,9 @@ from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
 from dmis.brdf.coated_conductor import CoatedConductor, CoatedFresnel
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import MAX_LOBE_EXPONENT
-from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import MIN_ALPHA, Anisotropic, Beckmann, Blinn, Elliptic, Isotropic, Roughness
 from dmis.brdf.fresnel import Coat, Dielectric, Fresnel, check_ior, check_metal_index
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import MAX_LOBE_EXPONENT, Lambert, Lobe
 from dmis.brdf.materials import COPPER_ETA, COPPER_K, Material, assemble, is_black
 from dmis.brdf.microfacet import GGX, Microfacet
 from dmis.brdf.phong import BlinnPhong, Lafortune

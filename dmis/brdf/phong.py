@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.brdf.cosines import MAX_COSINE_EXPONENT, MIN_COSINE, Directions, LocalFrame
 from dmis.brdf.distributions import Blinn, HalfVectorLobe
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import MAX_COSINE_EXPONENT, MIN_COSINE, Directions, Lobe, LocalFrame
 from dmis.samplers.warp import TWO_PI, power, square_to_power, to_world
 
 _NEARLY_1 = np.float32(1 - 1e-6)

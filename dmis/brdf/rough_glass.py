@@ -19,10 +19,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import MIN_DIVISOR, Directions, LocalFrame
 from dmis.brdf.distributions import Roughness, TrowbridgeReitz, stretched
 from dmis.brdf.fresnel import Dielectric, dielectric, relative_ior
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import MIN_DIVISOR, Directions, Lobe, LocalFrame
 from dmis.brdf.microfacet import GGX, visible_half_vectors
 
 

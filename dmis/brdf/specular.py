@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import LocalFrame
 from dmis.brdf.fresnel import Fresnel, dielectric, relative_ior
-from dmis.brdf.lobe import DeltaLobe
+from dmis.brdf.lobe import DeltaLobe, LocalFrame
 
 
 @dataclass(frozen=True, eq=False)

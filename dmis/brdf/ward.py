@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import MIN_COSINE, Directions
 from dmis.brdf.distributions import Beckmann, HalfVectorLobe
+from dmis.brdf.lobe import MIN_COSINE, Directions
 
 
 @dataclass(frozen=True, eq=False)

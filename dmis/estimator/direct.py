@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.estimator.batch import Batch, Samples, Vertices, record_samples
 from dmis.estimator.draws import Draw, draws, shading_samples
 from dmis.light.light_sample import LightSample

@@ -26,7 +26,7 @@ import numpy as np
 from dmis.base.plugins import Later, Registry, guarded, is_shipped
 from dmis.base.validate import check_array, number, positive, whole
 from dmis.base.vectors import TINY, Array
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.light.light import SampledLight as SampledLight
 from dmis.light.light import check_light_sample
 from dmis.light.light_sample import LightSample

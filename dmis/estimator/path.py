@@ -20,8 +20,8 @@ from typing import Any, Literal
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, compose, dot, indices, take
-from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import relative_ior
+from dmis.brdf.lobe import Directions
 from dmis.samplers.pixel_block import CONTINUE
 from dmis.scene.shading_points import ShadingPoints
 

@@ -12,8 +12,7 @@ import numpy as np
 from dmis.base.patches import row_blocks
 from dmis.base.plugins import locked
 from dmis.base.vectors import TINY, Array, Index, Selection, columns, compose, dot, frame, normalise, take
-from dmis.brdf.cosines import Directions
-from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.lobe import DeltaLobe, Directions, Lobe
 from dmis.intersect import Hits
 from dmis.scene.groups import Group, Part, bind_lobes
 from dmis.scene.plan import Plan

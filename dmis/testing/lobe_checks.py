@@ -13,8 +13,7 @@ import numpy as np
 
 from dmis.base.plugins import checked
 from dmis.base.vectors import Array, dot, normalise
-from dmis.brdf.cosines import Directions
-from dmis.brdf.lobe import LOBE_CHECKS, Lobe
+from dmis.brdf.lobe import LOBE_CHECKS, Directions, Lobe
 from dmis.brdf.materials import Material
 from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.density import COUNT, DensityView, Views, check_integral, check_pdf

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.brdf.materials import Material, matte, plastic
 from dmis.estimator.mis import TECHNIQUES, Technique, check_technique_form, checked_technique, register_technique
 from dmis.fit.fixed import Fixed

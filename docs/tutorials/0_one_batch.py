@@ -30,8 +30,8 @@ import trimesh
 import dmis
 from dmis import plot
 from dmis.base.vectors import dot, frame, normalise
-from dmis.brdf.cosines import Directions
 from dmis.brdf.distributions import Isotropic
+from dmis.brdf.lobe import Directions
 from dmis.brdf.microfacet import GGX
 from dmis.estimator.mis import balance
 from dmis.intersect import Intersector

@@ -28,8 +28,7 @@ from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import normalise
-from dmis.brdf.diffuse import Lambert
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import Lambert, Lobe
 from dmis.report.tables import summary
 from dmis.samplers.warp import INV_PI, square_to_sphere
 

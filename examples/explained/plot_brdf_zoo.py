@@ -12,8 +12,8 @@ import numpy as np
 from scipy.stats import qmc
 
 import dmis
-from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric
+from dmis.brdf.lobe import Directions
 from dmis.estimator.mis import BRDF, LIGHT
 from dmis.examples.gallery import options, print_canvas
 from dmis.scene.shading_points import ShadingPoints

@@ -22,7 +22,7 @@ import numpy as np
 
 import dmis
 from dmis.base.vectors import take
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.estimator.mis import LIGHT
 from dmis.fit.fixed import Fixed
 from dmis.light.light_sample import LightSample

@@ -11,9 +11,8 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase, internal_reflectance, transmittance
-from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import Lambert
 from dmis.brdf.fresnel import Coat, Dielectric, ExactConductor, dielectric
+from dmis.brdf.lobe import Directions, Lambert
 from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularReflection

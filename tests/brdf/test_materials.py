@@ -9,9 +9,8 @@ from helpers import LEVEL
 from dmis.base.vectors import Array
 from dmis.brdf import materials
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import Anisotropic, Blinn
+from dmis.brdf.lobe import Directions, Lambert
 from dmis.brdf.materials import Material, glass, matte, metal, mirror, plastic, shiny_metal, substrate, uber
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission

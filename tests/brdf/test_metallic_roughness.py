@@ -5,8 +5,7 @@ import pytest
 from helpers import reflected
 
 import dmis
-from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Directions, Lambert
 from dmis.brdf.metallic_roughness import UnderCoat
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularTransmission

@@ -11,8 +11,8 @@ from helpers import mirror_hemisphere, reflected
 
 import dmis
 from dmis.base.vectors import dot
-from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric
+from dmis.brdf.lobe import Directions
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.testing.lobe_checks import check_lobe
 from dmis.testing.outcome import require

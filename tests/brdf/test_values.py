@@ -12,8 +12,8 @@ import pytest
 import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric, ExactConductor
+from dmis.brdf.lobe import Directions
 from dmis.brdf.materials import Material
 from dmis.testing.scenes import surface
 from dmis.testing.sphere import polar

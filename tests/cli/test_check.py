@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 import dmis
-from dmis.brdf.diffuse import CosineLobe, Lambert
+from dmis.brdf.lobe import CosineLobe, Lambert
 from dmis.brdf.lobe import Lobe
 from dmis.estimator.mis import BRDF
 

@@ -12,7 +12,7 @@ from helpers import Z_LIMIT, results_z, tile_of
 
 import dmis
 from dmis.base.vectors import dot
-from dmis.brdf.diffuse import LambertTransmission
+from dmis.brdf.lobe import LambertTransmission
 from dmis.brdf.materials import Material
 from dmis.brdf.specular import SpecularTransmission
 from dmis.estimator.path import scatter

@@ -8,7 +8,7 @@ from gltf_file import CORNERS, FACES, File
 from helpers import script
 
 import dmis
-from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Lambert
 from dmis.formats.gltf.gltf_file import EXTENSIONS
 from dmis.formats.mesh_files import load_mesh
 from dmis.image import encode_png

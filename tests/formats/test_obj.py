@@ -8,8 +8,8 @@ import pytest
 from PIL import Image as PIL
 
 import dmis
-from dmis.brdf.diffuse import Lambert
 from dmis.brdf.fresnel import Conductor
+from dmis.brdf.lobe import Lambert
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularTransmission
 from dmis.image import encode_png, write_exr

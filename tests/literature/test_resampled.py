@@ -9,7 +9,7 @@ from helpers import LAMP, Z_LIMIT, images_z_score, lamp_images, results_z, z_sco
 
 import dmis
 from dmis.base.vectors import dot
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.brdf.materials import plastic
 from dmis.estimator.settings import Settings
 from dmis.light.area import SphereLight

@@ -14,8 +14,8 @@ import pytest
 from helpers import pickled, run_cell
 
 import dmis
-from dmis.brdf import diffuse, microfacet
-from dmis.brdf.diffuse import Lambert
+from dmis.brdf import lobe, microfacet
+from dmis.brdf.lobe import Lambert
 from dmis.geometry.shapes import quad
 from dmis.pipeline.fingerprint import digest, fingerprint
 from dmis.testing.scenes import box_scene
@@ -23,7 +23,7 @@ from dmis.testing.scenes import box_scene
 LOBE = """
 from dataclasses import dataclass
 from typing import Any
-from dmis.brdf.diffuse import CosineLobe
+from dmis.brdf.lobe import CosineLobe
 from dmis.samplers.warp import INV_PI
 
 FACTOR = 1.0
@@ -117,7 +117,7 @@ class Derived(Lambert):
 def test_moving_a_shipped_class_keeps_the_key(box, monkeypatch):
     """`Lambert` and the lights may live in any module of dmis; what is derived from them goes along."""
     before, derived = fingerprint(box), digest(Derived(0.5))
-    for kind in (diffuse.Lambert, microfacet.Microfacet, dmis.QuadLight, dmis.Mesh, dmis.Camera):
+    for kind in (lobe.Lambert, microfacet.Microfacet, dmis.QuadLight, dmis.Mesh, dmis.Camera):
         monkeypatch.setattr(kind, "__module__", "dmis.shading.lobes")
     assert fingerprint(box) == before and digest(Derived(0.5)) == derived
 

@@ -15,7 +15,7 @@ from helpers import Watched, image_tile, pixel_shares
 
 import dmis
 from dmis.brdf.ashikhmin_shirley import BlendBase
-from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Lambert
 from dmis.brdf.materials import Material, matte, metal, mirror, plastic
 from dmis.brdf.models import ggx
 from dmis.brdf.specular import SpecularReflection

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from dmis.base.vectors import dot, normalise
-from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import Isotropic
 from dmis.brdf.fresnel import Conductor, ExactConductor
+from dmis.brdf.lobe import Directions, Lambert
 from dmis.brdf.materials import Material, matte, substrate
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularReflection

@@ -12,9 +12,7 @@ from own_lights import HalfSky, Panel
 
 import dmis
 from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import CosineLobe, Lambert
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import CosineLobe, Directions, Lambert, Lobe
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight

@@ -12,9 +12,7 @@ from helpers import assert_found, with_fault
 
 import dmis
 from dmis.base.vectors import Array, normalise
-from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import CosineLobe, Lambert
-from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.lobe import CosineLobe, DeltaLobe, Directions, Lambert, Lobe
 from dmis.samplers.warp import INV_PI, square_to_hemisphere, to_world
 from dmis.testing.lobe_checks import check_lobe
 from dmis.testing.outcome import require

@@ -20,7 +20,7 @@ import numpy as np
 
 from dmis.base.named_files import found_file
 from dmis.base.text import decode
-from dmis.brdf.cosines import MAX_LOBE_EXPONENT
+from dmis.brdf.lobe import MAX_LOBE_EXPONENT
 from dmis.brdf.materials import Material, glass, matte, plastic, shiny_metal, uber
 from dmis.brdf.metallic_roughness import metallic_roughness
 from dmis.brdf.texture import Image, scale

@@ -13,10 +13,9 @@ import numpy as np
 
 from dmis.brdf import materials, models
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.diffuse import Lambert, LambertTransmission
 from dmis.brdf.distributions import TrowbridgeReitz
 from dmis.brdf.fresnel import Dielectric, ExactConductor
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.lobe import Lambert, LambertTransmission, Lobe
 from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.rough_glass import RoughReflection

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf import materials, models
-from dmis.brdf.diffuse import Lambert, LambertTransmission
+from dmis.brdf.lobe import Lambert, LambertTransmission
 from dmis.brdf.materials import Material, assemble
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import scale

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Directions
+from dmis.brdf.lobe import Directions
 from dmis.brdf.materials import Material
 from dmis.fit.rule import Rule
 from dmis.formats.load_scene import load_scene

@@ -12,7 +12,7 @@ from dmis.base.color import LUMINANCE, spectrum_to_rgb
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.diffuse import Lambert, LambertTransmission, OrenNayar
+from dmis.brdf.lobe import Lambert, LambertTransmission, OrenNayar
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission

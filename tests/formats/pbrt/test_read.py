@@ -10,8 +10,8 @@ from helpers import tga
 
 import dmis
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.fresnel import Dielectric
+from dmis.brdf.lobe import Lambert, OrenNayar
 from dmis.brdf.materials import COPPER_ETA, COPPER_K
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
