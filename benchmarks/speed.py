@@ -48,7 +48,7 @@ TIME_PARTS = {
         "sobol.py": {"draw"},
         "stratified.py": {"draw"},
     },
-    "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "samples.py": {"record_samples"}},
+    "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "direct.py": {"_record"}},
     "film": {"moments.py": {"of", "merge", "add", "total"}},
 }
 """Functions whose time, with that of their callees, is one part of a tile's time; the rest is shading."""

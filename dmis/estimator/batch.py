@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from dmis.base.vectors import Array, Selection, compose, take
+from dmis.base.vectors import Array, Selection
 from dmis.estimator.allocation import CameraSamples
 from dmis.estimator.mis import Combiner, Technique
-from dmis.estimator.records import Record, Records
+from dmis.estimator.records import Records
 from dmis.estimator.settings import Settings
 from dmis.intersect import CountingCaster
 from dmis.light.light_sample import LightSample
@@ -106,36 +106,3 @@ class Samples:
     light_sample: LightSample
     shares: Array
     tilt: Array | None
-
-
-def record_samples(
-    batch: Batch,
-    vertices: Vertices,
-    samples: Samples,
-    lit: Selection | None,
-    pdf: Array,
-    contribution: Array,
-    visible: Selection | None,
-) -> None:
-    """Write down the samples `lit`, as they arrive at the camera, for statistics.
-
-    Parameters
-    ----------
-    pdf
-        Densities of all techniques, ``(K, L)``, of the L samples `lit`.
-    contribution, visible
-        ``W f / (w_k p_k S)``, ``(3, V)``, and which V of those L samples have it. The others' is 0.
-    """
-    assert batch.records is not None
-    value = np.zeros((3, pdf.shape[1]), np.float32)
-    value[:, slice(None) if visible is None else visible] = contribution * np.float32(batch.settings.shading_samples)
-    vertex = compose(samples.vertex, lit)
-    if vertices.throughput is not None:
-        value *= take(vertices.throughput, vertex)
-    camera_sample = compose(vertices.sample, vertex)
-    record = Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf)
-    if batch.records.directions:
-        n = pdf.shape[1]
-        wi, p = (np.broadcast_to(take(a, lit), (3, n)) for a in (samples.light_sample.wi, samples.surface.p))
-        record = replace(record, wi=wi, p=p, surface=samples.surface.take(lit))
-    batch.records.append(record)

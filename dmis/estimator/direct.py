@@ -17,12 +17,15 @@ takes the place of w in p_w, while shares of samples stay: a sample of technique
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, accumulate, compose, indices, size, take, take_optional
 from dmis.brdf.lobe import Directions
-from dmis.estimator.batch import Batch, Samples, Vertices, record_samples
+from dmis.estimator.batch import Batch, Samples, Vertices
 from dmis.estimator.draws import Draw, draws, shading_samples
+from dmis.estimator.records import Record
 from dmis.light.light_sample import LightSample
 from dmis.scene.shading_points import ShadingPoints
 
@@ -86,7 +89,40 @@ def _add_samples(batch: Batch, draw: Draw, samples: Samples) -> None:
 
     if batch.records is not None:
         pdf_all = np.stack([np.where(accepted, p, np.float32(j == k)) for j, p in enumerate(pdf)])
-        record_samples(batch, vertices, samples, lit, pdf_all, f_over_p_w, visible)
+        _record(batch, vertices, samples, lit, pdf_all, f_over_p_w, visible)
+
+
+def _record(
+    batch: Batch,
+    vertices: Vertices,
+    samples: Samples,
+    lit: Selection | None,
+    pdf: Array,
+    contribution: Array,
+    visible: Selection | None,
+) -> None:
+    """Write down the samples `lit`, as they arrive at the camera, for statistics.
+
+    Parameters
+    ----------
+    pdf
+        Densities of all techniques, ``(K, L)``, of the L samples `lit`.
+    contribution, visible
+        ``W f / (w_k p_k S)``, ``(3, V)``, and which V of those L samples have it. The others' is 0.
+    """
+    assert batch.records is not None
+    value = np.zeros((3, pdf.shape[1]), np.float32)
+    value[:, slice(None) if visible is None else visible] = contribution * np.float32(batch.settings.shading_samples)
+    vertex = compose(samples.vertex, lit)
+    if vertices.throughput is not None:
+        value *= take(vertices.throughput, vertex)
+    camera_sample = compose(vertices.sample, vertex)
+    record = Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf)
+    if batch.records.directions:
+        n = pdf.shape[1]
+        wi, p = (np.broadcast_to(take(a, lit), (3, n)) for a in (samples.light_sample.wi, samples.surface.p))
+        record = replace(record, wi=wi, p=p, surface=samples.surface.take(lit))
+    batch.records.append(record)
 
 
 def _add_delta_light(batch: Batch, draw: Draw) -> None:
