@@ -10,7 +10,7 @@
 
 Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight, w_i here, and y_i the variance.
 The thesis does not say what happens without a minimum in [0, 1] (here: `STATUS`), which variance of a colour is meant,
-and what the sigma of the Gaussian is: `dmis.fit.thesis_options` has the other answers. docs/thesis.md explains each.
+and what the sigma of the Gaussian is: `dmis.fit.registry` has the other answers. docs/thesis.md explains each.
 
 If y_0, y_h, y_1 are exact values of a monotone V(w) at 0, 1/2 and 1, then V at the result is at most V(1/2). Let V
 fall, with ``A = y_0 - y_h >= 0`` and ``B = y_h - y_1 >= 0``. For ``A > B`` the minimum is at
@@ -41,7 +41,7 @@ has no minimum, and the best pilot weight was used; the variances were zero, equ
 
 @dataclass(frozen=True)
 class ThesisRule(Rule):
-    """The rule of the thesis, whose steps `dmis.fit.thesis_options.Thesis` varies."""
+    """The rule of the thesis, whose steps `dmis.fit.registry.Thesis` varies."""
 
     patch: int = 16  # pixels on a side; the thesis tries 4 to 32
     spp: int = 2  # pilot samples at each of the three weights; the thesis has 2 or 4

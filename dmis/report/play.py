@@ -19,7 +19,7 @@ from dmis.estimator.settings import Settings
 from dmis.experiment.oracle import Oracle, between
 from dmis.experiment.oracle_renders import make_oracle, measure_patches
 from dmis.experiment.reference import make_reference
-from dmis.fit.thesis_options import Thesis
+from dmis.fit.registry import Thesis
 from dmis.image import tonemap
 from dmis.pipeline.render import render
 from dmis.report.comparer import png

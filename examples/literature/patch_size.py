@@ -30,8 +30,8 @@ import numpy as np
 
 import dmis
 from dmis.base.patches import patch_spread, patch_sum
+from dmis.fit.registry import Thesis
 from dmis.fit.thesis import parabola_minimum
-from dmis.fit.thesis_options import Thesis
 
 SIZES = (4, 8, 16, 32)
 """Sides of the patches that are compared, in pixels; multiples of the first."""
@@ -97,7 +97,7 @@ def _parabola_basis(w, share):
 class ThesisByPilot(Thesis):
     """Choose weights by the thesis's parabolas, with patches of the side among `SIZES` that the pilot predicts best.
 
-    Options are those of `dmis.fit.thesis_options.Thesis`, but that `patch` does not count. Its map ``sizes`` has the
+    Options are those of `dmis.fit.registry.Thesis`, but that `patch` does not count. Its map ``sizes`` has the
     sizes and their predicted variances, ``(2, 4)``.
     """
 

@@ -45,8 +45,7 @@ from dmis.estimator.settings import make_settings
 from dmis.experiment.metrics import squared_error
 from dmis.experiment.reference import cache_folder
 from dmis.filter import gaussian
-from dmis.fit.registry import make_rule
-from dmis.fit.thesis_options import Thesis
+from dmis.fit.registry import Thesis, make_rule
 
 BLOCK = 16
 """Side of the blocks of pixels whose errors are taken as independent."""

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.fit.registry import RULES, make_rule
+from dmis.fit.registry import RULES, Thesis, make_rule
 from dmis.fit.round import Budget
 from dmis.fit.rule import rule_text
-from dmis.fit.thesis_options import Thesis
 from dmis.report.compare import parse_rules
 from dmis.variance.curves import Curves
 

@@ -6,10 +6,9 @@ import pytest
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.fit.fixed import Fixed
-from dmis.fit.registry import make_rule
+from dmis.fit.registry import Thesis, make_rule
 from dmis.fit.rule import Rule
 from dmis.fit.thesis import STATUS, parabola_minimum
-from dmis.fit.thesis_options import Thesis
 from dmis.variance.moments import Film, Moments
 
 PILOT = np.array([0.0, 0.5, 1.0])

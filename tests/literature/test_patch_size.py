@@ -9,8 +9,8 @@ from helpers import Z_LIMIT, z_score
 
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
+from dmis.fit.registry import Thesis
 from dmis.fit.thesis import parabola_minimum
-from dmis.fit.thesis_options import Thesis
 from dmis.variance.moments import Film, Moments
 
 pytestmark = pytest.mark.usefixtures("literature")

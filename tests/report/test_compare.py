@@ -9,8 +9,7 @@ import dmis
 from dmis.cli.commands import main
 from dmis.experiment.reference import load_reference
 from dmis.experiment.table import COLUMNS
-from dmis.fit.registry import RULES
-from dmis.fit.thesis_options import Thesis
+from dmis.fit.registry import RULES, Thesis
 from dmis.report.compare import parse_rules
 
 SIZE = ["--resolution", "24x18", "--reference-spp", "16"]
