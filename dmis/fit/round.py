@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmis.base.validate import one_of
+from dmis.base.validate import one_of, whole
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.mis import Technique, check_technique_form, technique_by_name
@@ -285,25 +285,24 @@ class Budget:
         Its shares are of `techniques`, or of those of the settings, see `Round`.
 
         Its weight in the image is what the budget has left, whatever its numbers of samples are: these depend on the
-        pilot, and would bias the mean. A ValueError if the fit is not right, see `check_fit`, or no sample is left.
+        pilot, and would bias the mean. A ValueError if the fit is not right, or no sample is left.
         """
-        check_fit(fit, self.shape, len(techniques or self.settings.techniques))
-        if not 0 <= spent < self.spp:
-            raise ValueError(f"spent must be from 0 to {self.spp - 1}, so that a final pass is left; got {spent}")
-        shares, spp = shares_of(fit.weight), self.spp - spent
+        if not isinstance(fit, Fit):
+            raise ValueError(f"a rule's fit must be a dmis.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)")
+        whole("spent", spent, 0, self.spp - 1, "so that a final pass is left")
+        k, spp = len(techniques or self.settings.techniques), self.spp - spent
+        shares = _checked_shares("a rule's weight", shares_of(fit.weight), k, self.shape)
         samples: Array | int = spp
         if fit.samples is not None:
-            samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))
-        final = Round(
-            samples,
-            shares,
-            self.settings,
-            image_weight=spp,
-            stage="final",
-            maps=fit.maps,
-            techniques=techniques,
-        )
-        return self._tilted(final)
+            samples = np.asarray(fit.samples)
+            if samples.shape != self.shape or not (np.isfinite(samples).all() and (samples > 0).all()):
+                raise ValueError(
+                    f"a rule's samples must be positive, finite, and of shape {self.shape}, because every pixel needs "
+                    f"some; got shape {samples.shape} from {samples.min():g} to {samples.max():g}"
+                )
+            samples = whole_samples(samples, spp, self.generator(0))
+        final = Round(samples, shares, self.settings, image_weight=spp, stage="final", maps=fit.maps)
+        return self._tilted(replace(final, techniques=techniques))
 
     def _tilted(self, round_: Round) -> Round:
         """Return a round with equal shares, and its own as the tilt, if that is what weights are."""
@@ -329,28 +328,6 @@ def pilot_settings(settings: Settings, paired: bool) -> Settings:
     return (
         replace(settings, shading_samples=len(settings.techniques) * settings.shading_samples) if paired else settings
     )
-
-
-def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
-    """Raise a ValueError unless a fit has shares of so many `techniques`, and samples, for an image of `shape`."""
-    if not isinstance(fit, Fit):
-        raise ValueError(f"a rule's fit must be a dmis.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)")
-    weight = np.asarray(fit.weight)
-    allowed = [*([(), shape] if techniques == 2 else []), (techniques,), (techniques, *shape)]
-    if weight.shape not in allowed:
-        raise ValueError(
-            f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
-            f"for each pixel (height, width); got {weight.shape}"
-        )
-    _checked_shares("a rule's weight", shares_of(fit.weight), techniques, shape)
-    if fit.samples is None:
-        return
-    samples = np.asarray(fit.samples)
-    if samples.shape != shape or not (np.isfinite(samples).all() and (samples > 0).all()):
-        raise ValueError(
-            f"a rule's samples must be positive, finite, and of shape {shape}, because every pixel needs some; got "
-            f"shape {samples.shape} from {samples.min():g} to {samples.max():g}"
-        )
 
 
 def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
@@ -388,7 +365,7 @@ def _whole(name: str, values: Any, shape: tuple[int, int]) -> Array | int:
     """Return whole numbers of the image or of each pixel; raise a ValueError unless they are such."""
     values = np.asarray(values)
     if values.shape not in ((), shape):
-        raise ValueError(_of_shape(name, (), shape, values.shape))
+        raise ValueError(_of_shape(name, shape, values.shape))
     if values.dtype.kind not in "iu":
         whole_numbers = "Make it whole by dmis.fit.round.whole_samples"
         raise ValueError(f"{name} must be whole; got {values.flat[0]:g}. {whole_numbers}")
@@ -407,7 +384,7 @@ def _checked_shares(name: str, shares: Any, techniques: int, shape: tuple[int, i
     if shares.ndim == 0 or len(shares) != techniques:
         raise ValueError(f"{name} must be ({techniques}, ...), one for each technique; got shape {shares.shape}")
     if shares.shape[1:] not in ((), shape):
-        raise ValueError(_of_shape(name, (techniques,), (techniques, *shape), shares.shape))
+        raise ValueError(_of_shape(name, shape, shares.shape[1:]))
     inside = (shares >= -_ROUNDING) & (shares <= 1 + _ROUNDING)
     if not inside.all():
         where = f" in {np.sum(~inside.all(axis=0)):,} of {shares[0].size:,} pixels" if shares.ndim > 1 else ""
@@ -421,11 +398,9 @@ def _checked_shares(name: str, shares: Any, techniques: int, shape: tuple[int, i
     return shares
 
 
-def _of_shape(name: str, of_image: tuple[int, ...], of_pixels: tuple[int, ...], got: tuple[int, ...]) -> str:
+def _of_shape(name: str, shape: tuple[int, int], got: tuple[int, ...]) -> str:
     """Return the message that an array of a round has another shape."""
-    return (
-        f"{name} must be of shape {of_image} or {of_pixels}, for the image or for each pixel (height, width); got {got}"
-    )
+    return f"{name} must be of shape () or {shape}, for the image or for each pixel (height, width); got {got}"
 
 
 def check_weigh(weigh: str, combiner: str) -> None:

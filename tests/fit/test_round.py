@@ -28,7 +28,7 @@ SETTINGS = dmis.Settings(integrator="direct", max_depth=5, sampler="sobol")
         ({"shares": 0.5}, "one for each technique; got shape ()"),
         ({"shares": np.stack([np.eye(3, 4), 2 - np.eye(3, 4)])}, "got 2 in 9 of 12 pixels"),
         ({"shares": np.array([0.2, 0.3, 0.5])}, "must be (2, ...), one for each technique; got shape (3,)"),
-        ({"shares": np.full((2, 3, 5), 0.5)}, "shares of a round must be of shape (2,) or (2, 3, 4), for the image"),
+        ({"shares": np.full((2, 3, 5), 0.5)}, "shares of a round must be of shape () or (3, 4), for the image"),
         ({"tilt": np.array([0.3, 0.3])}, "tilt of a round must add up to 1"),
         ({"tilt": HALF, "settings": replace(SETTINGS, combiner="power")}, "weigh=heuristic needs combiner balance"),
         ({"spp": -1}, "spp of a round must not be negative; got -1"),
