@@ -17,7 +17,7 @@ a combiner needs of the settings is in its attributes, so that no other module d
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import reduce
 from typing import Any
 
@@ -35,6 +35,16 @@ from dmis.scene.shading_points import ShadingPoints
 
 SHADING = 0.25
 """Cost of a light or BRDF sample before its ray."""
+
+
+def _check_sample(call: str, light_sample: Any, surface: ShadingPoints, light: SampledLight, u: Array) -> None:
+    """Raise a ValueError unless light samples are right."""
+    check_light_sample(call, light_sample, light, u, u, surface)
+
+
+def _check_pdf(call: str, pdf: Any, surface: ShadingPoints, directions: Directions, light_pdf: Array) -> None:
+    """Raise a ValueError unless densities are right above the surface."""
+    check_array(call, pdf, len(light_pdf), "(N,)", where=lambda: directions.above)
 
 
 @dataclass(frozen=True)
@@ -71,11 +81,18 @@ class Technique:
     exact: bool = True
     cost: float = SHADING
 
+    def __post_init__(self) -> None:
+        """Guard functions that are not shipped: what they return is checked."""
+        for name, check in (("sample", _check_sample), ("pdf", _check_pdf)):
+            if callable(function := getattr(self, name)) and not is_shipped(function):
+                object.__setattr__(self, name, guarded(f"{name} of technique {self.name}", function, check))
+
     def __reduce__(self) -> Any:
         """Return what is pickled: the name of a registered technique; of others, the functions and what they hold."""
         if TECHNIQUES.get(self.name) is self:
             return technique_by_name, (self.name,)
-        return Technique, tuple(getattr(self, field.name) for field in fields(self))
+        values = (getattr(self, field.name) for field in fields(self))
+        return Technique, tuple(getattr(value, "__wrapped__", value) for value in values)
 
 
 LIGHT = Technique(
@@ -137,25 +154,6 @@ def check_technique_form(technique: Technique) -> None:
         )
     whole(f"numbers of technique {name}", technique.numbers, 2, 4)
     number(f"cost of technique {name}", technique.cost, 0)
-
-
-def checked_technique(technique: Technique) -> Technique:
-    """Return a technique whose functions check what they return, see `dmis.base.plugins`; one of dmis as it is."""
-    if is_shipped(technique.sample) and is_shipped(technique.pdf):
-        return technique
-    of = f"of technique {technique.name}"
-    sample = guarded(f"sample {of}", technique.sample, _check_sample)
-    return replace(technique, sample=sample, pdf=guarded(f"pdf {of}", technique.pdf, _check_pdf))
-
-
-def _check_sample(call: str, light_sample: Any, surface: ShadingPoints, light: SampledLight, u: Array) -> None:
-    """Raise a ValueError unless light samples are right."""
-    check_light_sample(call, light_sample, light, u, u, surface)
-
-
-def _check_pdf(call: str, pdf: Any, surface: ShadingPoints, directions: Directions, light_pdf: Array) -> None:
-    """Raise a ValueError unless densities are right above the surface."""
-    check_array(call, pdf, len(light_pdf), "(N,)", where=lambda: directions.above)
 
 
 def technique_by_name(name: Technique | str) -> Technique:

@@ -14,7 +14,7 @@ from dmis.base.plugins import checked, guarded, is_shipped
 from dmis.base.vectors import Array, distinct, indices
 from dmis.estimator.allocation import SampleBlock, allocate, restore_order, sample_batches
 from dmis.estimator.batch import Batch
-from dmis.estimator.mis import checked_technique, combiner_by_name
+from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import PIXEL_SUMS, Record, Records, Statistic, Wants, wants_of
 from dmis.estimator.settings import Settings
 from dmis.estimator.trace import radiance
@@ -135,7 +135,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     in_blocks = tile.round.halvings is not None or is_sequence(tile.round.settings.sampler)
     round_, shading_samples = tile.round.in_row_order(), tile.round.settings.shading_samples
     moments = SubBlocks(round_.spp, tile.pixels) if in_blocks else PixelMoments(tile.pixels)
-    techniques, combiner = tuple(map(checked_technique, round_.mixture)), combiner_by_name(round_.settings.combiner)
+    techniques, combiner = round_.mixture, combiner_by_name(round_.settings.combiner)
     collector = None
     if combiner.collector is not None:
         collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))

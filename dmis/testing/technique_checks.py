@@ -11,7 +11,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.lobe import Directions
 from dmis.brdf.materials import Material, matte, plastic
-from dmis.estimator.mis import TECHNIQUES, Technique, check_technique_form, checked_technique, register_technique
+from dmis.estimator.mis import TECHNIQUES, Technique, check_technique_form, register_technique
 from dmis.fit.fixed import Fixed
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
@@ -43,10 +43,7 @@ def check_technique(technique: Technique) -> list[Outcome]:
 def _checks(technique: Technique) -> Iterator[Check]:
     """Yield the checks of a technique."""
     check_technique_form(technique)
-    views = [
-        _view(checked_technique(technique), *place, uniforms(COUNT, k, technique.numbers))
-        for k, place in enumerate(_PLACES)
-    ]
+    views = [_view(technique, *place, uniforms(COUNT, k, technique.numbers)) for k, place in enumerate(_PLACES)]
     if technique.exact:
         yield "sample follows pdf", lambda: check_pdf(views, LEVEL)
     yield "renders agree with balance", lambda: _check_renders(technique)

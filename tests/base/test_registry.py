@@ -115,5 +115,5 @@ def test_values_that_are_imported_when_they_are_used() -> None:
     registry: Registry[Any] = Registry("number", {"root": Later("math", "sqrt"), "power": Later("math", "pow", (2,))})
     assert list(registry) == ["root", "power"] and isinstance(registry.data["root"], Later)
     assert registry["root"](4) == 2 and registry["power"](3) == 8 and registry.data["root"] is registry["root"]
-    code = "import sys, dmis.fit.registry as r; r.make_rule('balance'); print('dmis.fit.thesis' in sys.modules)"
+    code = "import sys, dmis.fit.registry as r; r.make_rule('balance'); print('dmis.fit.auto' in sys.modules)"
     assert fresh_python(code).split() == ["False"]
