@@ -144,7 +144,8 @@ class Registry(UserDict[str, T]):
         A name has letters, digits and joints, and is new. But what has it may be defined anew by a class or function
         of the same module and name, as a notebook cell that runs twice does.
         """
-        joint, of = self._joint, f"name of a {self.kind}"
+        joint = self._joint
+        of = f"name of a {self.kind}"
         if not isinstance(name, str) or not re.fullmatch(f"[A-Za-z][A-Za-z0-9]*({joint}[A-Za-z0-9]+)*", name):
             raise ValueError(f"{of} must be letters, digits and {joint}, such as my{joint}{self.kind}; got {name!r}")
         if name in self._reserved:

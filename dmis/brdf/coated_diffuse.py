@@ -188,7 +188,8 @@ def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
     length = np.hypot(alpha * sin_o, cos_o)
     below = u * (1 + cos_o / length)
     r = np.sqrt(np.maximum(below * (2 - below), 0))
-    x, y = alpha * (r * np.cos(phi) + alpha * sin_o / length), alpha * r * np.sin(phi)
+    x = alpha * (r * np.cos(phi) + alpha * sin_o / length)
+    y = alpha * r * np.sin(phi)
     z = (1 - u) * (1 + cos_o / length)
     size = np.sqrt(x * x + y * y + z * z)
     return cos_o, (sin_o * x + cos_o * z) / size, z / size, (weights * 2 * (1 - nodes) / HALF_VECTOR_NODES)[:, None]

@@ -62,11 +62,13 @@ class Anisotropic(Distribution):
 
     def sample_h(self, surface: LocalFrame, u: Array) -> Array:
         phi = TWO_PI * u[0]  # one angle for all four quadrants: tan(phi') = sqrt((u+1)/(v+1)) tan(phi)
-        x, y = np.sqrt(self.v + 1) * np.cos(phi), np.sqrt(self.u + 1) * np.sin(phi)
+        x = np.sqrt(self.v + 1) * np.cos(phi)
+        y = np.sqrt(self.u + 1) * np.sin(phi)
         r = 1 / np.sqrt(np.maximum(x * x + y * y, TINY))
         x, y = x * r, y * r
         log_cos = np.log(np.maximum(1 - u[1], TINY)) / (self.u * x * x + self.v * y * y + 1)
-        cos, sin = np.exp(log_cos), np.sqrt(-np.expm1(2 * log_cos))
+        cos = np.exp(log_cos)
+        sin = np.sqrt(-np.expm1(2 * log_cos))
         s, t = surface.tangents
         return s * (sin * x) + t * (sin * y) + surface.n * cos
 
@@ -149,7 +151,8 @@ class Elliptic(Parameters):
         """Return the squared slope of the half vector over alpha."""
         s, t = directions.surface.tangents
         h = directions.surface.wo + directions.wi
-        x, y = dot(s, h) / self.alpha_u, dot(t, h) / self.alpha_v
+        x = dot(s, h) / self.alpha_u
+        y = dot(t, h) / self.alpha_v
         normal = directions.cos_i_signed + directions.cos_o
         return (x * x + y * y) / np.maximum(normal * normal, MIN_DIVISOR)
 
@@ -179,7 +182,8 @@ class Slopes(Distribution):
 
     def sample_h(self, surface: LocalFrame, u: Array) -> Array:
         """Sample half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha."""
-        r, phi = self._radius(u[0]), TWO_PI * u[1]
+        r = self._radius(u[0])
+        phi = TWO_PI * u[1]
         s, t = self.roughness.axes(surface)
         return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
 

@@ -100,7 +100,8 @@ class Conductor(Fresnel, Parameters):
         check_metal_index("eta of fresnel", self.eta), check_metal_index("k of fresnel", self.k)
 
     def __call__(self, cos: Array) -> Array:
-        eta, k = as_columns(self.eta), as_columns(self.k)
+        eta = as_columns(self.eta)
+        k = as_columns(self.k)
         a = eta * eta + k * k
         cos2, twice = cos * cos, 2 * eta * cos
         parallel_base = a * cos2 + 1

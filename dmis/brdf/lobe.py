@@ -276,7 +276,8 @@ class OrenNayar(CosineLobe):
 
     def eval(self, directions: Directions) -> Array:
         s2 = np.radians(self.sigma) ** 2
-        a, b = np.float32(1 - s2 / (2 * (s2 + 0.33))), np.float32(0.45 * s2 / (s2 + 0.09))
+        a = np.float32(1 - s2 / (2 * (s2 + 0.33)))
+        b = np.float32(0.45 * s2 / (s2 + 0.09))
         # max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta), with no azimuth: the sines cancel against the cosine's
         across = np.maximum(directions.cos_io - directions.cos_i_signed * directions.cos_o, 0)
         larger = np.maximum(np.maximum(directions.cos_i, directions.cos_o), TINY)

@@ -121,7 +121,8 @@ def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness:
     from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 
     is_black("kd", kd), is_black("ks", ks)
-    u, v = _exponent("u_roughness", u_roughness), _exponent("v_roughness", v_roughness)
+    u = _exponent("u_roughness", u_roughness)
+    v = _exponent("v_roughness", v_roughness)
     same = u_roughness is v_roughness or u == v
     coat = Blinn(u) if same else Anisotropic(u, v)
     return Material((BlendBase(kd, ks), BlendCoat(ks, coat)), "substrate")
@@ -137,7 +138,8 @@ def uber(
     for name, value in (("kd", kd), ("ks", ks), ("kr", kr), ("kt", kt)):
         is_black(name, value)
     clear = 1 - check_values("opacity", opacity, "in [0, 1]", "the rest goes straight through", 0, 1, image=False)
-    facets, fresnel = blinn(roughness), Dielectric(check_ior("eta", eta))
+    facets = blinn(roughness)
+    fresnel = Dielectric(check_ior("eta", eta))
     kd, ks, kr, kt = (scale(opacity, value) for value in (kd, ks, kr, kt))
     return assemble(
         "uber",
@@ -163,7 +165,8 @@ def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
     from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 
     eta = check_ior("eta", eta)
-    mirrored, refracted = SpecularReflection(kr, Dielectric(eta)), SpecularTransmission(kt, eta)
+    mirrored = SpecularReflection(kr, Dielectric(eta))
+    refracted = SpecularTransmission(kt, eta)
     return assemble("glass", ("kr", kr, mirrored), ("kt", kt, refracted))
 
 
@@ -180,7 +183,8 @@ class ReciprocalImage(Image):
 
 
 def _exponent(name: str, roughness: Any) -> Any:
-    least, reason = 1 / MAX_LOBE_EXPONENT, "Blinn's exponent is its reciprocal"
+    least = 1 / MAX_LOBE_EXPONENT
+    reason = "Blinn's exponent is its reciprocal"
     roughness = check_number(name, roughness, f"positive and finite, at least {least:g}", reason, least, image=True)
     if isinstance(roughness, Image):
         return ReciprocalImage(**{f.name: getattr(roughness, f.name) for f in fields(roughness)})

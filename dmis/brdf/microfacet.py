@@ -83,5 +83,7 @@ def visible_half_vectors(roughness: Roughness, surface: LocalFrame, u: Array) ->
     below = u[0] * (1 + v[2])  # 1 - z of the direction in the cap
     r = np.sqrt(np.maximum(below * (2 - below), 0))
     phi = TWO_PI * u[1]
-    x, y, z = r * np.cos(phi) + v[0], r * np.sin(phi) + v[1], (1 - u[0]) * (1 + v[2])
+    x = r * np.cos(phi) + v[0]
+    y = r * np.sin(phi) + v[1]
+    z = (1 - u[0]) * (1 + v[2])
     return normalise(s * x + t * y + surface.n * np.copysign(z, surface.cos_o))

@@ -114,7 +114,8 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     if eta == 1:
         raise ValueError("eta must not be 1, because facets would not refract; got 1")
     facets = facet_roughness(alpha, alpha_v)
-    reflection, transmission = RoughReflection(kr, facets, Dielectric(eta)), RoughTransmission(kt, facets, eta)
+    reflection = RoughReflection(kr, facets, Dielectric(eta))
+    transmission = RoughTransmission(kt, facets, eta)
     return assemble("glass", ("kr", kr, reflection), ("kt", kt, transmission))
 
 
@@ -225,7 +226,8 @@ def _largest(value: Any) -> Array:
 
 
 def _power(name: str, exponent: Any) -> Any:
-    rule, reason = f"positive and finite, at most {MAX_LOBE_EXPONENT:g}", "the lobe is a cosine to this power"
+    rule = f"positive and finite, at most {MAX_LOBE_EXPONENT:g}"
+    reason = "the lobe is a cosine to this power"
     return check_number(name, exponent, rule, reason, FLOAT32_TINY, MAX_LOBE_EXPONENT, image=True)
 
 

@@ -50,7 +50,8 @@ class Lafortune(Lobe):
 
     def _lobe(self, directions: Directions, scaled: bool) -> Array:
         """Return the cosine of C wo and wi to the exponent; times that power of \\|C wo\\| if `scaled`, ``(N,)``."""
-        tangential, normal = self.c_t * self.c_t - 1, self.c_n * self.c_n - 1
+        tangential = self.c_t * self.c_t - 1
+        normal = self.c_n * self.c_n - 1
         cos2_o = directions.cos_o * directions.cos_o
         beyond = tangential * (1 - cos2_o) + normal * cos2_o  # |C wo|^2 - 1
         if np.max(self.exponent) <= MAX_COSINE_EXPONENT:

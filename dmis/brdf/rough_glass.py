@@ -70,7 +70,8 @@ class RoughTransmission(Lobe):
     def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Sample directions ``(3, N)``; wo itself, which is not beyond, where light is totally reflected."""
         h = visible_half_vectors(self.roughness, surface, u)
-        ratio, cos = 1 / relative_ior(self.eta, surface.outside), dot(surface.wo, h)
+        ratio = 1 / relative_ior(self.eta, surface.outside)
+        cos = dot(surface.wo, h)
         cos2_t = 1 - (1 - cos * cos) * (ratio * ratio)
         wi = h * (ratio * cos - np.sqrt(np.maximum(cos2_t, 0))) - surface.wo * ratio
         return np.where(cos2_t > 0, wi, surface.wo)
@@ -83,7 +84,8 @@ class RoughTransmission(Lobe):
         """Return eta, ``D |wo.h| |wi.h| / (wo.h + eta wi.h)^2`` (0 if no facet refracts) and ``|wo.h|``, ``(N,)``."""
         eta = relative_ior(self.eta, directions.surface.outside)
         half = Directions(directions.surface, directions.wi * eta)  # wo + eta wi is the half vector times a length
-        o, i = 1 + eta * directions.cos_io, eta + directions.cos_io
+        o = 1 + eta * directions.cos_io
+        i = eta + directions.cos_io
         length2 = np.maximum(o + eta * i, MIN_DIVISOR)
         side = -(half.cos_i_signed + directions.cos_o)  # h is on wo's side of the surface if it is turned by this sign
         refracts = (o * side > 0) & (i * side < 0) & directions.above

@@ -22,7 +22,8 @@ from dmis.base.vectors import Array, Index
 P = ParamSpec("P")
 R = TypeVar("R")
 Wrap = Literal["repeat", "mirror", "black", "clamp"]
-FLOAT32_TINY, FLOAT32_MAX = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+FLOAT32_TINY = float(np.finfo(np.float32).tiny)
+FLOAT32_MAX = float(np.finfo(np.float32).max)
 """Smallest positive and largest number of float32, in which lobes are computed: the bounds of parameters."""
 COLOURS = "kd", "ks", "kr", "kt", "base", "opacity"
 """Parameters of materials whose image files are decoded from sRGB."""
@@ -121,13 +122,16 @@ class Image:
     def at(self, s: Array, t: Array) -> Array:
         """Return values ``(C, N)`` at coordinates in the image, `s` and `t` ``(N,)``; in [0, 1] if it repeats."""
         height, width, channels = self.texels.shape
-        x, y = s * width - np.float32(0.5), t * height - np.float32(0.5)
+        x = s * width - np.float32(0.5)
+        y = t * height - np.float32(0.5)
         if self.wrap != "repeat":
-            x, y = np.clip(x, -1, width), np.clip(y, -1, height)
+            x = np.clip(x, -1, width)
+            y = np.clip(y, -1, height)
         if self.nearest:
             j, i = (np.floor(a + np.float32(0.5)).astype(np.int32) for a in (x, y))
             return self._gather((i + 1) * (width + 2) + j + 1, np.ones(len(j), np.float32), channels)
-        j, i = np.minimum(np.floor(x), width - 1), np.minimum(np.floor(y), height - 1)
+        j = np.minimum(np.floor(x), width - 1)
+        i = np.minimum(np.floor(y), height - 1)
         fx, fy = x - j, y - i
         gx, gy = 1 - fx, 1 - fy
         below = width + 2

@@ -140,7 +140,8 @@ def check_technique_form(technique: Technique) -> None:
     """
     if not isinstance(technique, Technique):
         raise ValueError(f"a technique must be a dmis.Technique; got {technique!r}")
-    name, rays = technique.name, technique.rays
+    name = technique.name
+    rays = technique.rays
     for part in ("sample", "pdf"):
         if not callable(function := getattr(technique, part)):
             raise ValueError(f"technique {name}: {part} must be a function; got {function!r}")

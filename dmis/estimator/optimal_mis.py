@@ -61,10 +61,12 @@ class Optimal:
                 self._keys[record.key] = zeros
             a, b, plain, recorded = self._keys[record.key]
             at = take(pixel, record.sample)
-            w, n = self._w.take(at), self._samples.take(at)
+            w = self._w.take(at)
+            n = self._samples.take(at)
             light, brdf = record.pdf.astype(np.float64)
             mixture = np.maximum(n * (w * light + (1 - w) * brdf), 1e-300)
-            light, brdf = light / mixture, brdf / mixture
+            light = light / mixture
+            brdf = brdf / mixture
             for k, product in enumerate((light * light, light * brdf, brdf * brdf)):
                 a[k] += np.bincount(at, product, pixels)
             for channel in range(3):

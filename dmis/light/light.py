@@ -210,7 +210,10 @@ def check_light_sample(
             f"{call} must return a LightSample of dmis.light.light_sample; got {type(light_sample).__name__}. Write "
             f"LightSample(wi, distance, radiance, pdf, emits)"
         )
-    wi, emits, pdf, distance = light_sample.wi, light_sample.emits, light_sample.pdf, light_sample.distance
+    wi = light_sample.wi
+    emits = light_sample.emits
+    pdf = light_sample.pdf
+    distance = light_sample.distance
     count = points.shape[1]
     if not isinstance(emits, np.ndarray) or emits.dtype != bool or emits.shape != (count,):
         got = f"{np.asarray(emits).dtype} of shape {np.shape(emits)}"

@@ -152,7 +152,8 @@ class Pieces:
         spheres = None
         for kind, index in self._by_shape(piece):
             if kind == SPHERE:
-                centre, radius2 = take(to, index).copy(), take(rows[12], index) * INV_PI
+                centre = take(to, index).copy()
+                radius2 = take(rows[12], index) * INV_PI
                 spheres = index, sphere_light_sample(centre, radius2, take(u, index), take(rows[13:], index))
                 continue
             a, b = _WARPS[kind](take(u, index))
@@ -174,14 +175,17 @@ class Pieces:
         """
         distance, piece = self._nearest(p, wi)
         index = np.flatnonzero(piece >= 0)
-        piece, p, w = piece.take(index), take(p, index), take(wi, index)
+        piece = piece.take(index)
+        p = take(p, index)
+        w = take(wi, index)
         rows = columns(self._table, piece)
         met = np.ones(len(index), bool)
         sample = flat_light_hit(w, distance.take(index), dot(rows[9:12], w), met, rows[12], rows[13:])
         sample.emits |= self.two_sided.take(piece)
         for kind, of_kind in self._by_shape(piece):
             if kind == SPHERE:
-                to, radius2 = take(rows[:3] - p, of_kind), take(rows[12], of_kind) * INV_PI
+                to = take(rows[:3] - p, of_kind)
+                radius2 = take(rows[12], of_kind) * INV_PI
                 _placed(sample, of_kind, sphere_light_hit(take(w, of_kind), to, radius2, take(rows[13:], of_kind)))
         n = wi.shape[1]
         distance, pdf = np.zeros((2, n), np.float32)
@@ -201,14 +205,17 @@ class Pieces:
             hits = self._caster.closest(take(p, ray) + w * start, w)
             reach = start + hits.distance
             kept = np.flatnonzero((hits.prim >= 0) & (reach < nearest.take(ray)))
-            ray, reach, piece = ray.take(kept), reach.take(kept), owner.take(hits.prim.take(kept))
+            ray = ray.take(kept)
+            reach = reach.take(kept)
+            piece = owner.take(hits.prim.take(kept))
             start = reach * _STEP + self._least_step
             again = np.flatnonzero(rough.take(piece))
             reach[again] = self._distance(piece.take(again), take(p, ray.take(again)), take(wi, ray.take(again)))
             closer = np.flatnonzero(reach < nearest.take(ray))
             nearest[ray.take(closer)] = reach.take(closer)
             met[ray.take(closer)] = piece.take(closer)
-            ray, start = ray.take(again), start.take(again)
+            ray = ray.take(again)
+            start = start.take(again)
         return nearest, met
 
     @cached_property
@@ -218,7 +225,8 @@ class Pieces:
     def _distance(self, piece: Index, p: Array, wi: Array) -> Array:
         """Return the distance of disks and spheres along unit directions, infinite where they are missed, ``(N,)``."""
         rows = columns(self._table, piece)
-        to, radius2 = rows[:3] - p, rows[12] * INV_PI
+        to = rows[:3] - p
+        radius2 = rows[12] * INV_PI
         distance, _, q = intersect_plane(-to, wi, rows[9:12])
         is_hit = (distance > 0) & (dot(q, q) < radius2)
         sphere = self.shape.take(piece) == SPHERE

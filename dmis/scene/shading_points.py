@@ -155,7 +155,8 @@ class Surfaces:
     def tangents(self) -> tuple[Array, Array]:
         """Per triangle: dp/du and dp/dv, ``(T, 3)`` each; the first edge and across it for degenerate coordinates."""
         du1, dv1, du2, dv2 = self.uv[:, 2:].T[:, :, None]
-        edge_u, edge_v = self.corners[:, 3:6], self.corners[:, 6:9]
+        edge_u = self.corners[:, 3:6]
+        edge_v = self.corners[:, 6:9]
         determinant = du1 * dv2 - du2 * dv1
         degenerate = np.abs(determinant) < 1e-20
         divisor = np.where(degenerate, 1, determinant)
