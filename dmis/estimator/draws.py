@@ -54,26 +54,26 @@ class Draw:
 
 
 def draws(batch: Batch, vertices: Vertices) -> Iterator[Draw]:
-    """Yield what the vertices sample: on the side of wo, and on the other side of surfaces that light comes through."""
+    """Yield what the vertices sample: on the side of wo, and on the other side of surfaces that light comes through.
+
+    The lights may be others where their paths have scattered before.
+    """
+    plan = batch.scene.plan
+    settings = batch.settings
+    lights = plan.sampled_lights(settings.lights, settings.sky_compensation)
+    sampled: list[tuple[tuple[SampledLight, ...], Index | None]] = [(lights, None)]
+    if vertices.scattered is not False and plan.selects_deeper(settings.lights):
+        selected = plan.sampled_lights("tree", settings.sky_compensation)
+        scattered = np.broadcast_to(vertices.scattered, vertices.radiance.shape[1])
+        parts = (selected, scattered), (lights, ~scattered)
+        sampled = [(some, indices(here)) for some, here in parts if here.any()]
     surface = vertices.surface
-    if surface.reflection:
-        yield from _draws_of_side(batch, vertices, beyond=False)
+    for some, where in sampled if surface.reflection else ():
+        yield from _draws_of_lights(batch, vertices, False, some, where)
     if surface.transmission:
-        yield from _draws_of_side(batch, replace(vertices, surface=surface.beyond()), beyond=True)
-
-
-def _draws_of_side(batch: Batch, vertices: Vertices, beyond: bool) -> Iterator[Draw]:
-    """Yield the lights that the vertices sample, which may be others where their paths have scattered before."""
-    plan, settings = batch.scene.plan, batch.settings
-    first = plan.sampled_lights(settings.lights, settings.sky_compensation)
-    if vertices.scattered is False or not plan.selects_deeper(settings.lights):
-        yield from _draws_of_lights(batch, vertices, beyond, first, None)
-        return
-    selected = plan.sampled_lights("tree", settings.sky_compensation)
-    scattered = np.broadcast_to(vertices.scattered, vertices.radiance.shape[1])
-    for lights, here in ((selected, scattered), (first, ~scattered)):
-        if here.any():
-            yield from _draws_of_lights(batch, vertices, beyond, lights, indices(here))
+        vertices = replace(vertices, surface=surface.beyond())
+        for some, where in sampled:
+            yield from _draws_of_lights(batch, vertices, True, some, where)
 
 
 def _draws_of_lights(

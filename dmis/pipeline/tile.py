@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +33,7 @@ from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks
 CHUNK = 2**16
 """Camera samples per batch: the arrays of one batch stay in the cache. All images depend on it. See `batch_size`."""
 MIN_SIDE, MAX_SIDE = 32, 128
-"""Least and largest side of a tile in pixels, multiples of `PATCH`, see `tile_areas`. All images depend on them."""
+"""Least and largest side of a tile in pixels, multiples of `PATCH`, see `make_tiles`. All images depend on them."""
 UNEVEN = 4
 """How many times as large tiles are whose pixels are in several batches. Images of rules with pilots depend on it."""
 
@@ -64,15 +65,10 @@ class Tile:
         return rows.stop - rows.start, columns.stop - columns.start
 
     @property
-    def pixels(self) -> int:
-        """P, number of pixels."""
-        return math.prod(self.shape)
-
-    @property
     def camera_samples(self) -> int:
         """Number of camera samples of all pixels."""
         spp = self.round.spp
-        return self.pixels * spp if isinstance(spp, int) else int(spp.sum())
+        return math.prod(self.shape) * spp if isinstance(spp, int) else int(spp.sum())
 
 
 def batch_size(settings: Settings) -> int:
@@ -91,29 +87,23 @@ def layout(settings: Settings) -> dict[str, int]:
 
 
 def make_tiles(resolution: tuple[int, int], seed: int, pass_: int, round_: Round) -> list[Tile]:
-    """Return the tiles of one round over an image of `resolution` (width, height), in row order."""
-    uneven = not isinstance(round_.spp, int) or round_.patterns is not None
-    areas = tile_areas(resolution, float(np.mean(round_.spp)), uneven, batch_size(round_.settings))
-    return [Tile(seed, pass_, number, area, round_.of_area(area)) for number, area in enumerate(areas)]
+    """Return the tiles of one round over an image of `resolution` (width, height), in row order.
 
-
-def tile_areas(resolution: tuple[int, int], spp: float, uneven: bool, batch: int) -> list[tuple[slice, slice]]:
-    """Return rows and columns of the tiles of an image, for a mean number `spp` of samples.
-
-    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch; `UNEVEN` times as many where
-    numbers or patterns of samples are `uneven`, because pixels of different patterns are in batches of their own. They
-    are up to 256 where most pixels have no sample, and `spp`, the mean, is below 1.
+    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that their samples fill a batch; `UNEVEN` times as many where
+    numbers or patterns of samples differ, because pixels of different patterns are in batches of their own. They are up
+    to 256 where most pixels have no sample, and the mean is below 1.
     """
-    across = down = MIN_SIDE
+    spp = float(np.mean(round_.spp))
+    uneven = not isinstance(round_.spp, int) or round_.patterns is not None
+    samples = batch_size(round_.settings) * (UNEVEN if uneven else 1)
     most = MAX_SIDE if spp >= 1 else 2 * MAX_SIDE
-    while down < most and 2 * across * down * spp <= (UNEVEN * batch if uneven else batch):
+    across = down = MIN_SIDE
+    while down < most and 2 * across * down * spp <= samples:
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
-    return [
-        (slice(y, min(y + down, height)), slice(x, min(x + across, width)))
-        for y in range(0, height, down)
-        for x in range(0, width, across)
-    ]
+    corners = itertools.product(range(0, height, down), range(0, width, across))
+    areas = [(slice(y, min(y + down, height)), slice(x, min(x + across, width))) for y, x in corners]
+    return [Tile(seed, pass_, number, area, round_.of_area(area)) for number, area in enumerate(areas)]
 
 
 def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop: Event | None = None) -> Film:
@@ -131,23 +121,24 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None, stop:
     """
     size = batch_size(tile.round.settings)
     statistic = None if tile.round.statistic is None else TileStatistic(tile, tile.round.statistic)
+    count = math.prod(tile.shape)
     covered = None if scene.covered_pixels is None else scene.covered_pixels[tile.area].reshape(-1)
     in_blocks = tile.round.halvings is not None or is_sequence(tile.round.settings.sampler)
     round_, shading_samples = tile.round.in_row_order(), tile.round.settings.shading_samples
-    moments = SubBlocks(round_.spp, tile.pixels) if in_blocks else PixelMoments(tile.pixels)
+    moments = SubBlocks(round_.spp, count) if in_blocks else PixelMoments(count)
     techniques, combiner = round_.mixture, combiner_by_name(round_.settings.combiner)
     collector = None
     if combiner.collector is not None:
-        collector = combiner.collector(round_.shares, round_.spp * np.full(tile.pixels, shading_samples))
+        collector = combiner.collector(round_.shares, round_.spp * np.full(count, shading_samples))
     counting = CountingCaster(caster or scene.intersector, None if statistic is None else statistic.pixel_sums, stop)
     rng = stream(tile.seed, tile.pass_, tile.number)
     y, x = np.mgrid[tile.area].reshape(2, -1)
     corners = x.astype(np.float32), y.astype(np.float32)
     in_image = y * scene.camera.resolution[0] + x
     stops = distinct(round_.spp + round_.begin).tolist()
-    for pixels, spp, shares, settings in round_.groups(tile.pixels):
+    for pixels, spp, shares, settings in round_.groups(count):
         numbers = Numbers(settings.sampler, PixelBlock(rng, tile.seed, in_image, stops, settings.shading_samples))
-        offsets = numbers.rounding_offsets(len(shares) - 1, tile.pixels)
+        offsets = numbers.rounding_offsets(len(shares) - 1, count)
         batches = sample_batches(spp, pixels, size)
         of_round = round_.spp, round_.begin, round_.tilt, round_.halvings
         # n_1 of the S shading samples of a camera sample to the first technique, w S on average
@@ -196,7 +187,7 @@ class TileStatistic:
         statistic = guarded("", make)(len(self._observed), tile.round.settings.shading_samples)
         self._statistic: Statistic = checked(statistic, {"add": None, "sums": None}, in_place=True)
         self.wants = wants_of(self._statistic)
-        self.pixel_sums = np.zeros((3, tile.pixels)) if self.wants.pixel_sums else None
+        self.pixel_sums = np.zeros((3, math.prod(tile.shape))) if self.wants.pixel_sums else None
 
     def add(self, blocks: Sequence[SampleBlock], values: Array, records: Sequence[Record]) -> None:
         """Add the radiance ``(3, N)`` of the camera samples of one batch, and the records of their shading samples."""

@@ -35,7 +35,7 @@ def test_tiles_cover_every_pixel_once(spp):
     tiles = make_tiles((229, 171), 1, 0, Round(spp, shares_of(0.5), dmis.Settings()))
     for tile in tiles:
         times_covered[tile.area] += 1
-        assert max(tile.shape) <= MAX_SIDE and tile.camera_samples == spp * tile.pixels
+        assert max(tile.shape) <= MAX_SIDE and tile.camera_samples == spp * np.prod(tile.shape)
     assert (times_covered == 1).all()
     assert [tile.number for tile in tiles] == list(range(len(tiles)))
 
