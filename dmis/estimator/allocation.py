@@ -207,8 +207,8 @@ def allocate(
     spp, begin = (np.broadcast_to(n, offsets.shape[1]) for n in (spp, begin))
     s, random = settings.shading_samples, settings.allocation == "random"
     whole = whole_counts(shares, s, random)
-    rounded = np.abs(s * shares.astype(float) - np.rint(s * shares.astype(float))) >= 1e-5
-    keeps_order = ~rounded.any(axis=0)
+    n = s * shares.astype(float)
+    keeps_order = (np.abs(n - np.rint(n)) < 1e-5).all(axis=0)
     for blocks in batches:
         pixel = np.concatenate([np.tile(block.pixels, block.count) for block in blocks])
         of_blocks = [np.arange(block.first, block.first + block.count).repeat(len(block.pixels)) for block in blocks]
@@ -227,8 +227,7 @@ def allocate(
             order = np.concatenate([np.flatnonzero(first == n) for n in range(first.max(), first.min() - 1, -1)])
             pixel, number = pixel.take(order), number.take(order)
             counts = tuple(n.take(order) for n in divided)
-            kept = before if settings.sampler != "independent" else None
-            before = None if kept is None else kept.take(order, axis=1)
+            before = None if settings.sampler == "independent" else take_optional(before, order)
         subsets: LightSubsets | None = None
         if halvings is not None:
             from dmis.estimator.patterns import LightSubsets
