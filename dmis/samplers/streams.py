@@ -106,12 +106,8 @@ class Independent:
 class Numbers:
     """Which uniform numbers the camera samples of a tile draw: one method for each decision that numbers make.
 
-    Parameters
-    ----------
-    sampler
-        Name of the source of pairs, which it may spread evenly over the samples of a pixel.
-    block
-        The pixels. The generator is the source of single numbers, which are independent.
+    Pairs come from the `sampler` of this name, which may spread them evenly over the samples of a pixel; single numbers
+    are independent, and come from the generator of the `block`.
     """
 
     def __init__(self, sampler: str, block: PixelBlock) -> None:
@@ -189,10 +185,10 @@ class Numbers:
     def rounding_offsets(self, count: int, pixels: int) -> Array:
         """Return `count` offsets of systematic rounding for each pixel, ``(count, P)`` float64."""
         offsets = self.rng.random((count, pixels))
-        if isinstance(self._sampler, RoundingSampler):  # numbers of the pixels, and not of the tile
-            offsets = self._sampler.rounding_offsets(count)
-            return self._checked("rounding_offsets", offsets, f"({count}, N)", pixels).astype(float)
-        return offsets
+        if not isinstance(self._sampler, RoundingSampler):
+            return offsets
+        offsets = self._sampler.rounding_offsets(count)  # of the pixels, and not of the tile
+        return self._checked("rounding_offsets", offsets, f"({count}, N)", pixels).astype(float)
 
     def rounding_order(self, number: np.ndarray) -> np.ndarray | None:
         """Return the numbers of camera samples in the order in which counts are rounded, ``(N,)``; None: in theirs."""
@@ -201,9 +197,8 @@ class Numbers:
 
 def _own_sampler(name: str, block: PixelBlock) -> Sampler:
     """Return a sampler that is not shipped, with guarded methods; a ValueError unless it is one."""
-    sampler: Sampler = guarded(f"sampler {name}", SAMPLERS[name])(block)
-    methods = ("start", "draw", "draw_block", "rounding_offsets", "rounding_order")
-    sampler = checked(sampler, dict.fromkeys(methods), in_place=True)
+    methods = dict.fromkeys(("start", "draw", "draw_block", "rounding_offsets", "rounding_order"))
+    sampler: Sampler = checked(guarded(f"sampler {name}", SAMPLERS[name])(block), methods, in_place=True)
     if not isinstance(sampler, Sampler):
         raise ValueError(f"sampler {type(sampler).__name__} must have methods start and draw: docs/extending.md")
     return sampler

@@ -78,13 +78,7 @@ class Moments:
 
 
 class PixelMoments:
-    """Accumulates the moments of P pixels from blocks of samples, each of all pixels or of some of them.
-
-    Parameters
-    ----------
-    pixels
-        P, number of pixels.
-    """
+    """Accumulates the moments of P `pixels` from blocks of samples, each of all pixels or of some of them."""
 
     def __init__(self, pixels: int) -> None:
         self._pixels = pixels
@@ -115,15 +109,7 @@ class PixelMoments:
 
 
 class SubBlocks:
-    """Accumulates the sub-blocks of P pixels; takes samples as `PixelMoments` does.
-
-    Parameters
-    ----------
-    n
-        Samples of each pixel, one number or ``(P,)``.
-    pixels
-        P, number of pixels.
-    """
+    """Accumulates the sub-blocks of P `pixels` with n samples each, ``(P,)`` or one number, as `PixelMoments` does."""
 
     def __init__(self, n: np.ndarray | int, pixels: int) -> None:
         self._n = np.broadcast_to(n, pixels)
