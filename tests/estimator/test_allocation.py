@@ -33,11 +33,16 @@ def in_blocks(blocks):
 @pytest.mark.parametrize("spp", [1, 7, 100, UNEVEN], ids=["1", "7", "100", "uneven"])
 @pytest.mark.parametrize("size", [5, 64, 10**6])
 def test_batches_have_every_camera_sample_once(spp, size):
-    """Each pixel has its numbers 0, 1, .. in ascending order, and no batch is larger than twice the size asked for."""
+    """Each pixel has its numbers 0, 1, .. in ascending order, at the columns of its blocks.
+
+    No batch is larger than twice the size asked for.
+    """
     numbers = [[] for _ in range(PIXELS)]
     for blocks in sample_batches(spp, np.arange(PIXELS), size):
         pixel, number = in_blocks(blocks)
         assert len(pixel) <= max(2 * size, 2 * PIXELS)
+        places = [pixel[block.columns].reshape(block.count, -1) for block in blocks]
+        assert all((at == block.pixels).all() for at, block in zip(places, blocks, strict=True))
         for p, n in zip(pixel, number, strict=True):
             numbers[p].append(n)
     for pixel, expected in enumerate(np.broadcast_to(spp, PIXELS)):
