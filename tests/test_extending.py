@@ -18,7 +18,6 @@ from helpers import Z_LIMIT, registries_kept, results_z, shipped, z_score
 
 import dmis
 from dmis.base import plugins
-from dmis.cli.commands import main
 from dmis.estimator import mis
 from dmis.estimator.mis import TECHNIQUES
 from dmis.fit.round import Round
@@ -222,18 +221,6 @@ def test_sampler() -> None:
     assert abs(results_z(dmis.render(scene, "thesis:sampler=r2", 16, seed=3), independent)) < Z_LIMIT
     errors = [dmis.mse(result.image, reference.first, reference.second) for result in (even, independent)]
     assert errors[0] < 0.8 * errors[1]
-
-
-def test_sampler_on_the_command_line(tmp_path: Path, capsys) -> None:
-    path, out = tmp_path / "my_sampler.py", tmp_path / "a.exr"
-    path.write_text(code_of("r2.py"), "utf-8")
-    small = ["render", "teapot-area-light", "--resolution", "16x12", "--spp", "4", "--sampler", "r2", "-o", str(out)]
-    assert main(small) == 2
-    assert (
-        "sampler must be auto or independent or stratified or sobol or lowdiscrepancy; got 'r2'"
-        in capsys.readouterr().err
-    )
-    assert main([*small, "--plugin", str(path)]) == 0
 
 
 @pytest.mark.usefixtures("drawn")

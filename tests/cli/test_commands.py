@@ -181,17 +181,6 @@ def test_bad_input_is_refused_before_the_first_ray(scene, tmp_path, monkeypatch,
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["report.html", "scene.pbrt", "taken"]
 
 
-def test_module_runs(scene, tmp_path):
-    """``python -m dmis`` as a separate process reports an error in the scene file with its line."""
-    broken = tmp_path / "broken.pbrt"
-    broken.write_text(SCENE.replace('"plastic"', '"plastik"'))
-    command = [sys.executable, "-m", "dmis", "render", str(broken), "-o", str(tmp_path / "a.exr")]
-    process = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert process.returncode == 2
-    assert "broken.pbrt:13" in process.stderr and "plastik" in process.stderr
-    assert "Traceback" not in process.stderr
-
-
 def test_a_closed_pipe_is_no_error():
     """A reader that closes the pipe, as head does, ends the command without a message."""
     reader, writer = os.pipe()

@@ -329,6 +329,7 @@ ANY: Any = np.ones((1, 1, 3))
         (lambda: EnvironmentLight(ANY, wrap="mirror"), "wrap must be clamp or repeat; got 'mirror'"),  # type: ignore[arg-type]
         (lambda: EnvironmentLight(ANY, compensation=1.0), "compensation must be a number from 0 to 1, but less than 1"),
         (lambda: PointLight(ORIGIN, (-1, 0, 0)), "intensity must be"),
+        (lambda: PointLight((1e19, 0, 0), WHITE), r"position must be within 1e\+18"),
         (lambda: SpotLight(ORIGIN, (0, 0, 1), WHITE, outer=20, inner=30), "need 0 <= inner <= outer"),
         (lambda: DistantLight((0, 0, 0), WHITE), "direction must not be zero"),
     ],

@@ -204,6 +204,7 @@ WIDE = Camera(IDENTITY, 50.0, (100, 60))
     "make, arguments, message",
     [
         *((Camera, (matrix, 45, (4, 4)), MATRIX) for matrix in (np.eye(3), IDENTITY * np.nan, np.zeros((4, 4)))),
+        (Camera, (np.diag([1, 1, 1e19, 1]), 45, (4, 4)), r"to_world must not have elements above 1e\+18"),
         *((Camera, (IDENTITY, fov, (4, 4)), FOV) for fov in (0, 180, np.nan)),
         *((Camera, (IDENTITY, 45, size), SIZE) for size in ((0, 4), (70000, 1), (65535, 65535), (6.5, 5), 5)),
         (Camera, (IDENTITY, 50.0, (4, 4), (8, 0), (10, 10)), "a crop must lie inside its frame of 10x10"),
