@@ -8,12 +8,8 @@ from helpers import LEVEL
 
 from dmis.base.vectors import Array
 from dmis.brdf import materials
-from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.lobe import Directions, Lambert
 from dmis.brdf.materials import Material, glass, matte, metal, mirror, plastic, shiny_metal, substrate, uber
-from dmis.brdf.microfacet import Microfacet
-from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.brdf.texture import Image
 from dmis.testing.density import DensityView
 from dmis.testing.scenes import surface
@@ -39,49 +35,6 @@ def test_samples_follow_the_density(name: str, degrees: float) -> None:
         return some.pdf(Directions(some, w))
 
     assert DensityView(wi, pdf, wi[2] > 0).p > LEVEL
-
-
-@pytest.mark.parametrize(
-    "made, kinds",
-    [
-        (matte(), (Lambert,)),
-        (matte(0), ()),
-        (plastic(), (Lambert, Microfacet)),
-        (plastic(0, 0.2), (Microfacet,)),
-        (metal(), (Microfacet,)),
-        (shiny_metal(), (Microfacet, SpecularReflection)),
-        (substrate(), (BlendBase, BlendCoat)),
-        (mirror(), (SpecularReflection,)),
-        (glass(), (SpecularReflection, SpecularTransmission)),
-        (uber(), (Lambert, Microfacet)),
-        (uber(opacity=0.5), (SpecularTransmission, Lambert, Microfacet)),
-        (uber(kr=0.1, kt=0.1), (Lambert, Microfacet, SpecularReflection, SpecularTransmission)),
-    ],
-)
-def test_lobes(made: Material, kinds: tuple[type, ...]) -> None:
-    """A black parameter leaves its lobe out; the rest are there, in order."""
-    assert tuple(type(lobe) for lobe in made.lobes) == kinds
-
-
-def test_roughness_is_the_reciprocal_exponent() -> None:
-    """pbrt's roughness r is Blinn's exponent 1/r; textured roughness too; u != v makes the coat anisotropic."""
-    assert materials.blinn(0.002).exponent == pytest.approx(500)
-    texels = np.array([[[0.1], [0.5]]], np.float32)
-    middle = materials.blinn(Image(texels)).exponent(np.array([[0.25, 0.5], [0.5, 0.5]], np.float32))
-    np.testing.assert_allclose(middle, [[10, 1 / 0.3]], rtol=1e-5)  # roughness is interpolated, not its reciprocal
-    assert isinstance(substrate(u_roughness=0.1, v_roughness=0.1).lobes[1].distribution, Blinn)
-    coat = substrate(u_roughness=0.02, v_roughness=0.1).lobes[1].distribution
-    assert isinstance(coat, Anisotropic) and (coat.u, coat.v) == pytest.approx((50, 10))
-
-
-def test_opacity_dims_all_but_what_passes_straight_through() -> None:
-    """Opacity o multiplies Kd, Ks, Kr, Kt; a share 1 - o goes straight on at index 1."""
-    made = uber(0.4, 0.2, 0.3, 0.1, opacity=(0.5, 0.25, 1.0))
-    through, kd, ks, kr, kt = made.lobes
-    assert through.transmittance == pytest.approx((0.5, 0.75, 0.0)) and through.eta == 1
-    for lobe, value in ((kd, 0.4), (ks, 0.2), (kr, 0.3)):
-        assert lobe.reflectance == pytest.approx((0.5 * value, 0.25 * value, value))
-    assert kt.transmittance == pytest.approx((0.05, 0.025, 0.1)) and kt.eta == 1.5
 
 
 def _image(*texel: float) -> Image:

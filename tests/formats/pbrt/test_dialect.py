@@ -526,23 +526,6 @@ def test_pixel_filters(read, dialect, line, expected):
     assert read(dialect, head=f'Film "{film}"\nIntegrator "path"\n{line}\n').camera.filter == expected
 
 
-def test_depth_of_paths_counts_alike(read):
-    """A white furnace, lit from its middle: D surfaces that scatter light are D terms of a geometric series."""
-    ball = 'Material "{}" "rgb {}" [.5 .5 .5] ReverseOrientation Shape "sphere"'
-    film = '"integer xresolution" 8 "integer yresolution" 8'
-    light = 'LightSource "point" "rgb I" [1 1 1]\n'
-    camera = 'Camera "perspective" "float fov" 30\n'
-    for dialect, head, *material in (
-        ("v2", 'SurfaceIntegrator "path" "integer maxdepth" 2 Film "image"', "matte", "Kd"),
-        ("v3", 'Integrator "path" "integer maxdepth" 3 Film "image"', "matte", "Kd"),
-        ("v4", 'Integrator "path" "integer maxdepth" 3 PixelFilter "box" Film "rgb"', "diffuse", "reflectance"),
-    ):
-        scene = read(dialect, light + ball.format(*material), camera, add="", head=f"{head} {film}\n", force=True)
-        image = dmis.render(scene, "balance", 64, seed=1).image
-        expected = 0.5 / np.pi * sum(0.5**k for k in range(3))
-        assert image.mean() == pytest.approx(expected, rel=0.02)  # the sphere is made of triangles
-
-
 # Images of whole numbers ----------------------------------------------------------------------------------------------
 
 

@@ -427,8 +427,9 @@ def test_float_image_takes_the_luminance_and_roughness_is_capped(read, tmp_path)
     exr(tmp_path / "a.exr", [[[0.5, 0.5, 0.5], [0, 0, 0], [1, 0, 0]]])
     world = 'Texture "a" "float" "imagemap" "string filename" "a.exr" Material "metal" "texture roughness" "a"'
     (lobe,) = lobes(read(world, add=TEXTURED))
-    centres = np.array([[1 / 6, 1 / 2, 5 / 6], [0.5, 0.5, 0.5]], np.float32)
-    np.testing.assert_allclose(lobe.distribution.exponent(centres)[0], [2, 10_000, 1 / 0.212671], rtol=1e-4)
+    places = np.array([[1 / 6, 1 / 2, 5 / 6, 1 / 3], [0.5] * 4], np.float32)  # three centres, and between two
+    # roughness is interpolated, not its reciprocal
+    np.testing.assert_allclose(lobe.distribution.exponent(places)[0], [2, 10_000, 1 / 0.212671, 4], rtol=1e-3)
 
 
 def test_tga_is_linear_but_for_gamma(read, tmp_path):
