@@ -1,8 +1,13 @@
-"""Vectors in structure-of-arrays form."""
+"""Vectors in structure-of-arrays form, patches of pixels, and checks of arguments."""
+
+import json
+from typing import Any
 
 import numpy as np
 import pytest
 
+from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.validate import did_you_mean, number, pair, whole
 from dmis.base.vectors import ROWS_PER_BLOCK, Selection, columns, compose, dot, frame, normalise, size, take
 from dmis.testing.sphere import polar
 
@@ -81,3 +86,74 @@ def test_columns_are_rows_turned(number: int) -> None:
     transposed = columns(table, index)
     assert transposed.flags.c_contiguous
     np.testing.assert_array_equal(transposed, table[index].T)
+
+
+# Patches --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(9, 7), (1, 1), (5, 17)])
+@pytest.mark.parametrize("size", [1, 4, 32])
+def test_patch_means_by_hand(shape: tuple[int, int], size: int) -> None:
+    """The value of each patch is the mean of its pixels, also at ragged borders and if it is larger than the image."""
+    image = np.random.default_rng(5).random(shape)
+    means = patch_mean(image, size)
+    assert means.shape == (-(-shape[0] // size), -(-shape[1] // size))
+    for i, j in np.ndindex(means.shape):
+        block = image[i * size : (i + 1) * size, j * size : (j + 1) * size]
+        assert means[i, j] == pytest.approx(block.mean(), rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 3, 100])
+def test_spreading_puts_patches_back(size: int) -> None:
+    """`patch_spread` gives each pixel the value of its patch, and averaging again gives the patches back."""
+    image = np.random.default_rng(6).random((10, 7))
+    means = patch_mean(image, size)
+    spread = patch_spread(means, size, image.shape)
+    assert spread.shape == image.shape
+    np.testing.assert_allclose(patch_mean(spread, size), means, rtol=1e-12)
+    assert spread[9, 6] == means[9 // size, 6 // size]
+
+
+def test_bad_patches() -> None:
+    """A patch size below one pixel is refused."""
+    with pytest.raises(ValueError, match="patch must be at least 1 pixel"):
+        patch_mean(np.ones((2, 2)), 0)
+
+
+# Checks of arguments --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [8, 8.0, np.int64(8), np.uint8(8), np.float32(8), np.float64(8)])
+def test_numbers_become_plain(value: Any) -> None:
+    """Whatever their type; and can be written as JSON, which NumPy's integers cannot."""
+    assert json.dumps([whole("n", value, 8, 8), number("x", value, 8, 8)]) == "[8, 8.0]"
+    assert json.dumps(pair("p", np.array([value, value]), whole)) == "[8, 8]"
+
+
+def test_large_numbers_stay_exact() -> None:
+    assert whole("n", 10**400 + 1, 0) == 10**400 + 1
+
+
+@pytest.mark.parametrize("value", [None, "8", [8], True, np.bool_(True), np.nan, np.inf, 8.5, np.float32(8.5), 1j])
+def test_bad_whole_numbers(value: Any) -> None:
+    with pytest.raises(ValueError, match="n must be a whole number of at least 1; got "):
+        whole("n", value, 1)
+
+
+@pytest.mark.parametrize("value", [None, "8", [8], True, np.nan, np.inf, -0.5, np.float32(2.5)])
+def test_numbers_out_of_range(value: Any) -> None:
+    with pytest.raises(ValueError, match="x must be a number from 0 to 2, of something; got "):
+        number("x", value, 0, 2, "of something")
+
+
+@pytest.mark.parametrize("value", [None, 8, (), (8,), (8, 8, 8)])
+def test_bad_pairs(value: Any) -> None:
+    with pytest.raises(ValueError, match="p must be two numbers; got "):
+        pair("p", value, whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "end"), [("thesi", ", did you mean 'thesis'?"), ("AUTO", ", did you mean 'auto'?"), ("nope", "")]
+)
+def test_a_name_that_is_alike_is_suggested(name: str, end: str) -> None:
+    assert did_you_mean(name, ["auto", "balance", "thesis"]) == end

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pin_preset
 import pytest
-from helpers import shared_scene
+from helpers import Z_LIMIT, means, shared_scene, z_score
 
 import dmis
-from dmis.estimator.settings import PRESETS, make_settings
+from dmis.base.vectors import Array
+from dmis.estimator.settings import DEFAULTS, PRESETS, make_settings
+from dmis.fit.fixed import Fixed
 from dmis.fit.rule import merge_settings
+from dmis.light.environment import EnvironmentLight
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.testing.scenes import box_scene
+from dmis.testing.sphere import sphere_rule, uniforms
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -125,3 +132,117 @@ def test_changed_images_are_found(stored: dict[str, np.ndarray]) -> None:
     bright[name][0, row, column, channel] += 6 * stored[name][1].max()
     (line,) = pin_preset.differences(stored, bright)
     assert line.startswith(f"{name}: 1 of 324 values are more than 5 standard errors off")
+
+
+# Compensation of the sky ----------------------------------------------------------------------------------------------
+
+COMPENSATION = DEFAULTS["compensation"]
+FAINT = 0.3
+SKY = np.ones((8, 16, 3), np.float32)
+SKY[:, :8] = FAINT
+"""A sky with a faint half, below the mean: compensated samples alone do not reach it."""
+
+
+def sky_scene(compensation: float | None = None, **options: Any) -> dmis.Scene:
+    light = EnvironmentLight(SKY, compensation=compensation)
+    return box_scene(dmis.matte(0.5), (light,), **{"resolution": (4, 4), "fov": 20, **options})
+
+
+def image(scene: dmis.Scene, rule: Any = "balance", **settings: Any) -> Array:
+    return dmis.render(scene, rule, 16, integrator="direct", **settings).image
+
+
+@pytest.mark.parametrize("compensation", [0.0, 0.5, 0.9])
+def test_light_samples_alone_reach_a_faint_half(compensation: float) -> None:
+    """At w = 1 the floor reflects ``albedo / pi int L cos``, a fifth of it from the faint half."""
+    scene = sky_scene()
+    wi, weights = sphere_rule(np.array([0.0, 0.0, 1.0]), 512, 512, 1.0)
+    (sky,) = scene.plan.sampled
+    irradiance = (sky.radiance(wi.astype(np.float32))[0] * np.maximum(wi[2], 0)) @ weights
+    values = means(scene, range(200), w=1.0, compensation=compensation)
+    assert abs(z_score(values, 0.5 / np.pi * irradiance)) < Z_LIMIT
+
+
+def test_compensated_samples_are_where_the_sky_is_bright() -> None:
+    """A share of ``(1 - c) FAINT / (1 + FAINT)`` meets the faint half, but for the texels at its border."""
+    light = EnvironmentLight(np.repeat(np.repeat(SKY, 8, axis=0), 8, axis=1)).compensated(0.9)
+    p = np.zeros((3, 2**16), np.float32)
+    faint = light.sample(p, uniforms(2**16)).wi[1] > 0
+    assert np.mean(faint) == pytest.approx(0.1 * FAINT / (1 + FAINT), rel=0.2)
+
+
+def test_rounding_is_not_compensated() -> None:
+    """An even sky whose texels differ by roundings of float32 is sampled as without compensation."""
+    light = EnvironmentLight(1 + 1e-7 * np.random.default_rng(1).random((8, 16, 3)))
+    u, p = uniforms(100), np.zeros((3, 100), np.float32)
+    assert np.array_equal(light.compensated(0.9).sample(p, u).pdf, light.sample(p, u).pdf)
+
+
+def test_a_light_of_a_setting_is_that_of_a_field() -> None:
+    """Samples, densities, and that a compensation of the light's own comes first."""
+    light, field = EnvironmentLight(SKY), EnvironmentLight(SKY, compensation=0.9)
+    u, p = uniforms(1000), np.zeros((3, 1000), np.float32)
+    a, b = light.compensated(0.9).sample(p, u), field.sample(p, u)
+    assert np.array_equal(a.wi, b.wi) and np.array_equal(a.pdf, b.pdf)
+    assert not np.array_equal(a.wi, light.sample(p, u).wi)
+    assert field.compensated(0.5) is field and light.compensated(0) is light
+
+
+def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
+    assert box.plan.sampled_lights("all", 0.9) == box.plan.sampled
+    assert np.array_equal(image(box, compensation=0.9), image(box))
+    plan = sky_scene().plan
+    assert plan.sampled_lights("all", 0.0) == plan.sampled and plan.sampled_lights("all", 0.9)[0] is not plan.sampled[0]
+
+
+@pytest.mark.parametrize(
+    ("rule", "settings", "expected"),
+    [
+        ("balance", {}, COMPENSATION),
+        ("fixed:1", {}, 0.0),
+        ("thesis:patch=4", {}, 0.0),
+        ("auto", {}, COMPENSATION),
+        ("auto", {"compensation": 0}, 0.0),
+        ("auto:compensation=0", {}, 0.0),
+        ("balance:compensation=0.9", {}, 0.9),
+        ("fixed:light=0.5,brdf=0.5,compensation=0.5", {}, 0.5),
+        ("thesis:patch=4", {"compensation": 0.5}, 0.5),
+        ("auto", {"preset": "thesis"}, 0.0),
+    ],
+)
+def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: float) -> None:
+    """Rule options and settings come before the default, which is 0 where a technique is alone; the preset pins 0."""
+    result = dmis.render(sky_scene(), rule, 16, integrator="direct", **settings)
+    assert result.provenance["settings"]["compensation"] == expected
+
+
+def test_the_field_comes_first() -> None:
+    """A light's own compensation overrides settings and rules; without one these decide."""
+    half = image(sky_scene(), compensation=0.5)
+    assert np.array_equal(image(sky_scene(0.5), compensation=0.9), half)
+    assert np.array_equal(image(sky_scene(0.5)), half)
+    assert np.array_equal(image(sky_scene(0.0), compensation=0.5), image(sky_scene(), compensation=0.0))
+    assert np.array_equal(image(sky_scene()), image(sky_scene(), compensation=COMPENSATION))
+    assert not np.array_equal(image(sky_scene()), half)
+
+
+def test_only_where_brdf_samples_cover_the_rest() -> None:
+    rule = Fixed(techniques=("light", "uniform"))
+    assert np.array_equal(image(sky_scene(), rule, compensation=0.9), image(sky_scene(), rule))
+
+
+def test_it_is_part_of_the_render_and_not_of_the_reference() -> None:
+    """A light's compensation is in the fingerprint of what is rendered, but not in that of the expected image."""
+    plain, half = sky_scene(), sky_scene(0.5)
+    assert fingerprint(plain) != fingerprint(half)
+    assert fingerprint(plain, expected_image=True) == fingerprint(half, expected_image=True)
+    brighter = plain.changed(lights=(EnvironmentLight(2 * SKY),))
+    assert fingerprint(plain, expected_image=True) != fingerprint(brighter, expected_image=True)
+
+
+def test_a_sky_in_other_units_is_compensated() -> None:
+    """A scene that is rescaled for float32 has other lights, and the same image."""
+    scene = sky_scene()
+    bright = scene.changed(lights=(replace(scene.lights[0], scale=(1e12,) * 3),))
+    expected = image(scene, compensation=0.9) * 1e12
+    np.testing.assert_allclose(image(bright, compensation=0.9), expected, rtol=1e-4)

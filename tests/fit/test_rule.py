@@ -1,15 +1,23 @@
 """The base class of rules: defaults, names, errors; texts that name rules."""
 
+from __future__ import annotations
+
+import pickle
 import re
+from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pytest
 
 import dmis
+from dmis.cli.commands import main
+from dmis.estimator.allocation import shares_of
+from dmis.estimator.settings import DEFAULTS, PRESETS, make_settings
 from dmis.fit.registry import RULES, Thesis, make_rule
-from dmis.fit.round import Budget
-from dmis.fit.rule import rule_text
+from dmis.fit.round import Budget, Round
+from dmis.fit.rule import merge_settings, rule_text
 from dmis.report.compare import parse_rules
 from dmis.variance.curves import Curves
 
@@ -159,7 +167,7 @@ def test_a_conflict_names_rule_and_option(box: dmis.Scene, rule: Any, setting: d
         make_rule(advice.split('"')[1])
 
 
-# Names --------------------------------------------------------------------------------------------------------------
+# Names -------------------------------------------------------------------------------------------------------------
 
 
 def test_registered_rules() -> None:
@@ -192,3 +200,126 @@ def test_bad_classes(cls: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         dmis.register_rule("mine", cls)
     assert "mine" not in RULES
+
+
+# Rounds ---------------------------------------------------------------------------------------------------------------
+
+SHAPE = (3, 4)
+HALF = np.array([0.5, 0.5], np.float32)
+SETTINGS = dmis.Settings(integrator="direct", max_depth=5, sampler="sobol")
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ({"shares": np.array([0.9, 0.9])}, "shares of a round must add up to 1 over the techniques"),
+        ({"shares": np.array([1.2, -0.2])}, "shares of a round must be in [0, 1], a share of the samples; got 1.2"),
+        ({"shares": np.array([np.nan, 0.5])}, "got nan"),
+        ({"shares": 0.5}, "one for each technique; got shape ()"),
+        ({"shares": np.stack([np.eye(3, 4), 2 - np.eye(3, 4)])}, "got 2 in 9 of 12 pixels"),
+        ({"shares": np.array([0.2, 0.3, 0.5])}, "must be (2, ...), one for each technique; got shape (3,)"),
+        ({"shares": np.full((2, 3, 5), 0.5)}, "shares of a round must be of shape () or (3, 4), for the image"),
+        ({"tilt": np.array([0.3, 0.3])}, "tilt of a round must add up to 1"),
+        ({"tilt": HALF, "settings": replace(SETTINGS, combiner="power")}, "weigh=heuristic needs combiner balance"),
+        ({"spp": -1}, "spp of a round must not be negative; got -1"),
+        ({"spp": np.full(SHAPE, 2.5)}, "spp of a round must be whole; got 2.5. Make it whole by dmis.fit"),
+        ({"spp": np.ones((4, 3), int)}, "spp of a round must be of shape () or (3, 4), for the image or for"),
+        ({"spp": np.eye(3, 4, dtype=int)}, "spp of a round with an image_weight must be at least 1, because every"),
+        ({"begin": np.full(SHAPE, -2)}, "begin of a round must not be negative; got -2"),
+        ({"image_weight": 0.5}, "image_weight of a round must be whole; got 0.5"),
+        ({"needs_features": "pixel"}, "needs_features of a round must be False or True or pixels; got 'pixel'"),
+        ({"settings": replace(SETTINGS, max_depth="auto")}, "those of its budget; got max_depth='auto'"),
+        ({"settings": replace(SETTINGS, integrator="auto")}, "got integrator='auto'. Write budget.settings, or"),
+        ({"spp": np.ones(SHAPE, int) + np.eye(3, 4, dtype=int), "statistic": Curves}, "must have one number spp"),
+    ],
+)
+def test_wrong_rounds_are_refused(values: dict[str, Any], message: str) -> None:
+    """In place of NumPy's broadcast error, or of an image that is wrong."""
+    round_ = Round(**{"spp": 4, "shares": HALF, "settings": SETTINGS, "image_weight": 4, **values})
+    with pytest.raises(ValueError, match=re.escape(message)):
+        round_.checked(SHAPE)
+
+
+def test_right_rounds_are_not() -> None:
+    """Shares of the image, of its pixels, and those that float32 rounds; numbers of NumPy are numbers."""
+    for w in (0.0, 1.0, np.linspace(0, 1, 12).reshape(SHAPE), np.array([0.1, 0.2, 0.7])):
+        shares = shares_of(w)
+        techniques = ("light", "brdf", "uniform")[: len(shares)]
+        settings = replace(SETTINGS, techniques=techniques)
+        round_ = Round(np.ones(SHAPE, int), shares.tolist(), settings, tilt=shares, begin=np.int64(2)).checked(SHAPE)
+        assert round_.in_row_order().shares.shape[0] == len(shares) and type(round_.begin) is int
+
+
+def test_the_round_of_a_rule_is_refused(box: dmis.Scene) -> None:
+    """A rule that divides samples by shares of sum 1.8: the image would be 2 % darker."""
+
+    class Over(dmis.Rule):
+        def rounds(self, budget: Any) -> Any:
+            yield replace(budget.final(dmis.Fit(0.5)), shares=np.array([0.9, 0.9], np.float32))
+
+    with pytest.raises(ValueError, match=r"add up to 1 over the techniques, .*; got sums from 1.8 to 1.8"):
+        dmis.render(box, Over(), 4)
+    (found,) = {outcome.message for outcome in dmis.check_rule(Over()) if not outcome.passed}
+    assert "shares of a round must add up to 1" in found
+
+
+# Settings of scene, rule and caller -----------------------------------------------------------------------------------
+
+FIRST = {**DEFAULTS, "lights": "all"}
+"""Values that are given: the defaults, but for lights, whose ``auto`` gives nothing."""
+VALUES = (4, ("uniform", "brdf"), "power", "random", "one", "path", 3, "independent", True, 0.5)
+OTHER = dict(zip((name for name in DEFAULTS if name != "preset"), VALUES, strict=True))
+"""Another value of each."""
+
+
+def needing(**settings: Any) -> dmis.Rule:
+    """A rule that needs these settings."""
+    return type("Needing", (dmis.Rule,), {"settings": settings})()
+
+
+@pytest.mark.parametrize("name", OTHER)
+def test_a_default_that_is_given_is_not_replaced(box: dmis.Scene, name: str) -> None:
+    """By field, option, copy, or in another process; one that is not given leaves the decision to the rule."""
+    first, other = FIRST[name], OTHER[name]
+    given, rule = dmis.Settings(**{name: first}), needing(**{name: other})
+    copies = replace(dmis.Settings(), **{name: first}), make_settings(**{name: first}), replace(given, preset=None)
+    for settings in (given, *copies, pickle.loads(pickle.dumps(given))):
+        with pytest.raises(ValueError, match=rf"^conflicting {name}: Settings has {re.escape(repr(first))}, rule r"):
+            merge_settings(settings, box, rule, "r")
+        assert getattr(merge_settings(settings, box, needing(**{name: first}))[0], name) == first
+    empty = dmis.Settings()
+    for settings in (empty, replace(empty, preset=None), pickle.loads(pickle.dumps(empty))):
+        assert not settings.explicit and getattr(merge_settings(settings, box, rule)[0], name) == other
+
+
+def test_open_fields_read_as_their_defaults() -> None:
+    """Or as the preset's values; equality and ``repr`` are those of plain values, ``auto`` is not given."""
+    settings = dmis.Settings()
+    assert (settings.shading_samples, settings.combiner) == (2, "balance") and "combiner='balance'" in repr(settings)
+    assert settings == dmis.Settings(combiner="balance", sampler="auto") and not dmis.Settings(sampler="auto").explicit
+    assert dmis.Settings(preset="nearest", sampler="auto").sampler == "lowdiscrepancy"
+    assert replace(dmis.Settings(preset="nearest"), preset=None) == settings
+
+
+@pytest.mark.parametrize(("winner", "loser"), [*combinations(("caller", "rule", "preset", "scene", "default"), 2)])
+def test_precedence(box: dmis.Scene, winner: str, loser: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of each two sources of a depth; caller and rule name the same one."""
+    values, choices = {**PRESETS["nearest"].values, "max_depth": 4}, {"max_depth": ()}
+    monkeypatch.setitem(PRESETS, "nearest", replace(PRESETS["nearest"], values=values, choices=choices))  # type: ignore
+    of = {"caller": 3, "rule": 3, "preset": 4, "scene": 6, "default": DEFAULTS["max_depth"]}
+    depth = {source: value if source in (winner, loser) else None for source, value in of.items()}
+    settings = dmis.Settings(max_depth=depth["caller"] or "auto", preset="nearest" if depth["preset"] else None)
+    scene = box.changed(suggested=dmis.Suggestions("direct", depth["scene"]))
+    merged, sources = merge_settings(settings, scene, needing(max_depth=depth["rule"] or "auto"))
+    assert (merged.max_depth, sources["max_depth"]) == (of[winner], winner)
+
+
+def test_info_says_who_decides(capsys: pytest.CaptureFixture[str]) -> None:
+    """A line for each setting; what conflicts ends the command."""
+    scene = ["info", "teapot-area-light", "--resolution", "16x12", "--rule"]
+    assert main([*scene, "thesis:combiner=power", "--preset", "nearest", "--max-depth", "3"]) == 0
+    decided = [line.strip() for line in capsys.readouterr().out.partition("who decides")[2].splitlines()[1:]]
+    assert len(decided) == len(DEFAULTS)
+    assert {"combiner: 'power', rule", "max_depth: 3, caller", "sampler: 'lowdiscrepancy', preset"} <= set(decided)
+    assert {"integrator: 'direct', scene", "reuse_pilot: False, default"} <= set(decided)
+    assert main([*scene, "thesis:sampler=sobol", "--sampler", "stratified"]) == 2
