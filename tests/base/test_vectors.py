@@ -28,10 +28,12 @@ def test_dot_agrees_with_numpy(dtype: type) -> None:
     np.testing.assert_array_equal(a, before)
 
 
-def test_dot_broadcasts() -> None:
+def test_single_vectors_and_zero() -> None:
     """A single vector ``(3, 1)`` goes with a batch."""
     b = random_directions(5, np.float32)
     np.testing.assert_array_equal(dot(np.array([[0], [0], [1]], np.float32), b), b[2])
+    # A zero vector stays zero: no NaN may reach Embree
+    assert not normalise(np.zeros((3, 2), np.float32)).any()
 
 
 @pytest.mark.parametrize("length", [1e-6, 1.0, 1e6])
@@ -39,11 +41,6 @@ def test_normalise_gives_unit_length(length: float) -> None:
     """Any length becomes 1 within a few float32 roundings, in the same direction."""
     w = random_directions(100, np.float32)
     np.testing.assert_allclose(normalise(w * np.float32(length)), w, atol=1e-6)
-
-
-def test_normalise_keeps_zero() -> None:
-    """A zero vector stays zero: no NaN may reach Embree."""
-    assert not normalise(np.zeros((3, 2), np.float32)).any()
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

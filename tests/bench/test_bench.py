@@ -83,7 +83,7 @@ def test_samples_are_those_of_a_render(name: str, options: dict[str, object]) ->
     assert set(some.pixel) == {7, 1000} and (some.camera_sample == table.camera_sample[mask]).all()
 
 
-def test_samples_of_a_window() -> None:
+def test_windows_and_pixels() -> None:
     """They are those of the whole image, by the numbers of the window's pixels."""
     scene = shared_scene("cornell", (70, 40))
     options = {"spp": 4, "integrator": "path"}
@@ -91,9 +91,7 @@ def test_samples_of_a_window() -> None:
     of_whole = dmis.samples(scene, [36 * 70 + 34], **options)
     np.testing.assert_array_equal(of_window.f, of_whole.f)
     assert set(of_window.pixel) == {6 * 31 + 5} and of_window.shape == (7, 31)
-
-
-def test_pixels_that_are_refused() -> None:
+    # pixels that are refused
     for pixels in ([-1], [36 * 33], [0.5], [], (3, 4), 3):
         with pytest.raises(ValueError, match="pixels must be whole numbers from 0 to 1187"):
             dmis.samples(shared_scene("teapot-area-light", (36, 33)), pixels)  # type: ignore[arg-type]
@@ -245,13 +243,6 @@ def test_scores_of_the_scene_that_comes_with_dmis() -> None:
     assert sum(path.stat().st_size for path in paths) < 150_000
 
 
-def test_small_scene_is_what_the_command_makes() -> None:
-    """The data in the package are those of today's estimator, seed 0."""
-    pilots, kept = draw_pilots(*load(SMALL), 0), read_pilots(path_of(SMALL, 0))
-    for w, table in pilots.tables.items():
-        np.testing.assert_allclose(kept.tables[w].radiance(), table.radiance(), rtol=1e-2, atol=1e-3)
-
-
 BLOCKED = "import sys; sys.modules.update(dict.fromkeys(('embreex', 'trimesh', 'OpenEXR')))\n"
 WRITER = (Path(__file__).resolve().parents[2] / "examples" / "exporters" / "bench_data.py").read_text("utf-8")
 
@@ -310,6 +301,9 @@ def test_scenes_that_come_with_dmis() -> None:
         assert sum(path_of(scene, seed).stat().st_size for seed in (None, 0)) < 1_000_000
         scene_, settings = load(scene)
         assert read_truth(path_of(scene)).shape == scene_.camera.resolution[::-1] and settings.compensation == 0
+    pilots, kept = draw_pilots(*load(SMALL), 0), read_pilots(path_of(SMALL, 0))
+    for w, table in pilots.tables.items():
+        np.testing.assert_allclose(kept.tables[w].radiance(), table.radiance(), rtol=1e-2, atol=1e-3)
 
 
 def test_renders_of_a_rule() -> None:

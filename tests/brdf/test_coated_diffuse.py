@@ -50,15 +50,6 @@ def test_white_furnace(eta: float, degrees: float) -> None:
     assert diffuse == pytest.approx(transmittance(points.cos_o, eta).item(), abs=1e-5)
 
 
-def test_without_a_coat_the_base_is_lamberts() -> None:
-    """Index 1 reflects nothing, neither outside nor inside."""
-    for alpha in (0, 0.3):
-        made = dmis.coated_diffuse(0.7, alpha, 1.0)
-        assert len(made.lobes) == 1
-        # at the smallest cosine, 3e-4, the refracted one has lost half of its digits
-        np.testing.assert_allclose(leaving(made, 40.0, COS), leaving(Material((Lambert(0.7),)), 40.0, COS), rtol=1e-4)
-
-
 # Random walks -------------------------------------------------------------------------------------------------------
 
 
@@ -232,6 +223,12 @@ def test_lobes_of_a_coat() -> None:
     assert len(dmis.coated_diffuse(0).lobes) == 1
     values = surface(dmis.coated_diffuse((0.1, 0.2, 0.3), 0.2), polar(20), 5)
     assert values.eval(Directions(values, values.wo)).dtype == np.float32
+    # index 1 reflects nothing, neither outside nor inside
+    for alpha in (0, 0.3):
+        made = dmis.coated_diffuse(0.7, alpha, 1.0)
+        assert len(made.lobes) == 1
+        # at the smallest cosine, 3e-4, the refracted one has lost half of its digits
+        np.testing.assert_allclose(leaving(made, 40.0, COS), leaving(Material((Lambert(0.7),)), 40.0, COS), rtol=1e-4)
 
 
 def test_coats_have_their_own_tables_in_a_scene() -> None:

@@ -50,15 +50,7 @@ def image(*texel: float) -> Image:
     return Image(np.array([[np.full(len(texel), 0.1), texel]]))
 
 
-def test_the_ends_of_ranges_are_in_them() -> None:
-    """What a range includes is accepted, and a reflectance that is 1 but for rounding."""
-    assert matte((1 + 1e-7, 1, 0), 90).lobes and mirror(image(1, 1, 0)).lobes and metal(0, np.zeros(3)).lobes
-    assert len(shiny_metal(1, (0, 1, 0.5)).lobes) == 2 and len(uber(image(0.5), opacity=(0, 0.5, 1)).lobes) == 3
-    assert plastic(roughness=np.array([0.1])).lobes[1].distribution.exponent == pytest.approx(10)
-    assert glass(eta=1).lobes and glass(eta=1 / 1.5).lobes
-
-
-def test_reflectances_of_files_may_exceed_1() -> None:
+def test_ranges_of_parameters() -> None:
     """Those of pbrt files, while they are read, in this thread alone; bounds come back, also after an error."""
     with materials.unbounded():
         assert matte((255, 0, 0)).lobes and uber(kd=3, ks=2, opacity=0.9).lobes and mirror(image(9.0)).lobes
@@ -68,9 +60,11 @@ def test_reflectances_of_files_may_exceed_1() -> None:
         matte(-1)
     with pytest.raises(ValueError, match="kd must be at most 1"):
         matte(2)
-
-
-def test_a_lobe_alone_is_no_tuple_of_lobes() -> None:
+    assert matte((1 + 1e-7, 1, 0), 90).lobes and mirror(image(1, 1, 0)).lobes and metal(0, np.zeros(3)).lobes
+    assert len(shiny_metal(1, (0, 1, 0.5)).lobes) == 2 and len(uber(image(0.5), opacity=(0, 0.5, 1)).lobes) == 3
+    assert plastic(roughness=np.array([0.1])).lobes[1].distribution.exponent == pytest.approx(10)
+    assert glass(eta=1).lobes and glass(eta=1 / 1.5).lobes
+    # a lobe alone is no tuple of lobes
     with pytest.raises(ValueError, match=r"lobes must be a tuple of lobes; got Lambert.* Write Material\(\(lobe,\)\)"):
         Material(Lambert(0.5))
 

@@ -186,10 +186,7 @@ def test_tangent_of_a_part_is_laid_upon_its_surface() -> None:
     isotropic = box_scene(dmis.ggx(0, 1, 0.1))
     isotropic = replace(isotropic, parts=(replace(isotropic.parts[0], tangent=(1, 0, 0)),))
     assert isotropic.plan.groups[0].tangent is None
-
-
-def test_tangent_along_the_normal_leaves_a_frame() -> None:
-    """A direction that is perpendicular to the surface says nothing of it: any frame will do, and it is unit."""
+    # A direction that is perpendicular to the surface says nothing of it: any frame will do, and it is unit
     points = surface(dmis.ggx(0, 1, 0.1, 0.5), polar(30.0), 4, dpdu=(0, 0, 2))
     s, t = points.tangents
     for a, b, expected in ((s, s, 1), (t, t, 1), (s, t, 0), (s, points.n, 0)):

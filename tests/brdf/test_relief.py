@@ -93,16 +93,14 @@ def test_normal_maps_are_in_the_frame_of_the_texture(mirrored):
     np.testing.assert_allclose(n.T, [weak / np.linalg.norm(weak)] * 5, atol=1e-5)
 
 
-def test_paths_keep_their_energy():
+def test_scenes_with_bump_maps():
     """Under an even sky a white bumped square reflects no more than 1, and little less."""
     sky = (dmis.EnvironmentLight(np.ones((4, 8, 3))),)
     square = Part(quad((-4, -4, 1), (8, 0, 0), (0, 8, 0)), replace(dmis.matte(1.0), relief=BumpMap(HEIGHTS)))
     scene = box_scene(lights=sky, extra=(square,))
     image = dmis.render(scene, "balance", 64, integrator="path", max_depth=4, parallel=1).image
     assert 0.97 < image.mean() < 1.005
-
-
-def test_extreme_scenes_with_bump_maps_are_refused():
+    # extreme scenes with bump maps are refused
     large = Part(quad((0, 0, 0), (1e9, 0, 0), (0, 1e9, 0)), replace(dmis.matte(), relief=BumpMap(HEIGHTS)))
     scene = replace(box_scene(), parts=(large,), lights=(dmis.DistantLight((0, 0, 1), (1, 1, 1)),))
     with pytest.raises(ValueError, match="a scene with bump maps, whose heights are lengths, must have"):

@@ -28,23 +28,17 @@ def test_texel_centres_are_exact(wrap: str) -> None:
             np.testing.assert_allclose(at(Image(TEXELS, wrap=wrap), *centre(j, i)), TEXELS[i, j], atol=1e-6)
 
 
-def test_half_way_is_the_mean() -> None:
+def test_lookups_between_and_beyond_centres() -> None:
     """Between centres the lookup is bilinear."""
     image = Image(TEXELS)
     np.testing.assert_allclose(at(image, 0.25, 0.5 / 3), (TEXELS[0, 0] + TEXELS[0, 1]) / 2, atol=1e-6)
     np.testing.assert_allclose(at(image, 0.5, 1 / 3), TEXELS[:2, 1:3].mean(axis=(0, 1)), atol=1e-6)
-
-
-def test_clamp_repeats_the_edge_and_black_fades() -> None:
-    """Outside, clamp is the nearest edge texel and black is 0; at the edge black is half of it."""
+    # outside, clamp is the nearest edge texel and black is 0; at the edge black is half of it
     for s, t, texel in ((-0.5, 0.5, TEXELS[1, 0]), (7.0, 0.5, TEXELS[1, 3]), (0.5 / 4, 9.0, TEXELS[2, 0])):
         np.testing.assert_allclose(at(Image(TEXELS, wrap="clamp"), s, t), texel, atol=1e-6)
         assert not at(Image(TEXELS, wrap="black"), s, t).any()
     np.testing.assert_allclose(at(Image(TEXELS, wrap="black"), 0.0, 0.5), TEXELS[1, 0] / 2, atol=1e-6)
-
-
-def test_scale_and_offset() -> None:
-    """``(s, t) = uv * scale + offset``."""
+    # ``(s, t) = uv * scale + offset``
     moved = Image(TEXELS, scale=(2.0, -3.0), offset=(0.3, 0.1))
     np.testing.assert_allclose(at(moved, 0.2, 0.4), at(Image(TEXELS), 0.7, -1.1), atol=1e-5)
 
@@ -62,13 +56,7 @@ def test_thin_images(wrap: str, shape: tuple[int, int, int]) -> None:
     assert (out >= 0).all() and (out <= texels.max() + 1e-6).all()
 
 
-def test_grey_is_stored_once() -> None:
-    """Three equal channels become one."""
-    assert Image(np.repeat(TEXELS[..., :1], 3, axis=2)).texels.shape == (3, 4, 1)
-    assert Image(TEXELS).texels.shape == (3, 4, 3)
-
-
-def test_products() -> None:
+def test_grey_and_products() -> None:
     """Constants and images multiply in either order; colour times grey image is a colour image."""
     assert scale(2.0, (0.1, 0.2, 0.3)) == pytest.approx((0.2, 0.4, 0.6))
     assert scale(0.5, 0.5) == pytest.approx((0.25,))
@@ -78,6 +66,9 @@ def test_products() -> None:
         assert (product.offset, product.wrap) == (grey.offset, grey.wrap)
     with pytest.raises(ValueError, match="product of two image textures"):
         scale(grey, grey)
+    # three equal channels become one
+    assert Image(np.repeat(TEXELS[..., :1], 3, axis=2)).texels.shape == (3, 4, 1)
+    assert Image(TEXELS).texels.shape == (3, 4, 3)
 
 
 @pytest.mark.parametrize("across", ["repeat", "mirror", "clamp"])

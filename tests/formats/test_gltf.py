@@ -96,7 +96,7 @@ def test_points_lines_and_morph_targets_are_left_out(tmp_path):
         assert len(file.load(tmp_path).parts) == 2  # with the default lamp's
 
 
-def test_several_primitives_and_instances(tmp_path):
+def test_several_primitives_and_instances(tmp_path, monkeypatch):
     """Primitives of one material are one part, wherever the nodes stand."""
     file = File().mesh({"name": "a"}, node={"translation": [5, 0, 0]})
     file.json["materials"].append({"name": "b"})
@@ -105,6 +105,12 @@ def test_several_primitives_and_instances(tmp_path):
     scene = file.load(tmp_path, lights=[])
     assert [(part.material.name, part.mesh.triangles) for part in scene.parts] == [("a", 4), ("b", 4)]
     np.testing.assert_allclose(triangles(scene), np.concatenate([EXPECTED + [5, 0, 0], EXPECTED * [1, 2, 1]]))
+    # instances beyond the limit
+    monkeypatch.setattr("dmis.formats.gltf.gltf_file.MAX_FACES", 5)
+    file = File().mesh()
+    file.json["nodes"] *= 3
+    with pytest.raises(ValueError, match="at most 5 triangles, and 15 vertices, because instances are copied"):
+        file.load(tmp_path)
 
 
 @pytest.mark.parametrize("scale", [[-1, 1, 1], [1, 1, -1], [-2, -1, -3]])
@@ -232,7 +238,7 @@ def test_images_that_are_placed_apart(tmp_path):
     assert scene.parts[0].light is None and scene.parts[0].material.lobes[1].roughness.alpha == 1
 
 
-def test_emission_is_a_mesh_light(tmp_path):
+def test_emission(tmp_path):
     """On both sides if the material is double-sided."""
     strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 5}}
     lamp = {"emissiveFactor": [1, 0.5, 0], "extensions": strength}
@@ -242,10 +248,7 @@ def test_emission_is_a_mesh_light(tmp_path):
     assert len(scene.lights[0].faces) == 4 and scene.parts[0].mesh.triangles == 4
     p = np.float32([[1], [0.4], [-1]])
     assert scene.lights[0].hit(p, np.float32([[0], [0], [1]])).emits.all()
-
-
-def test_emission_of_an_image(tmp_path):
-    """Camera rays see the image."""
+    # camera rays see the image
     file = File()
     pixels = np.zeros((8, 8, 3), np.uint8)
     pixels[:3, 4:] = 255, 200, 80
@@ -254,6 +257,11 @@ def test_emission_of_an_image(tmp_path):
     front = dmis.Camera.look_at((1, 0.5, 5), (1, 0.5, 0), (0, 1, 0), fov=9, resolution=(8, 8))
     image = dmis.render(file.load(tmp_path, camera=front, lights=[]), "balance", 16, **DIRECT).image
     assert image[:3, 5:7].min() > 0.05 and image[5:].max() == 0 and image[:, :2].max() == 0
+    # normal maps of two sided lamps are named
+    file = File()
+    glowing = {"emissiveFactor": [1, 1, 1], "doubleSided": True, "normalTexture": {"index": file.texture(PIXELS)}}
+    with pytest.warns(SceneWarning, match="left out: normal map of a surface that emits on both sides$"):
+        assert file.mesh(glowing).load(tmp_path).parts[0].material.relief is None
 
 
 GREY = np.float32([[0.1], [0.9], [0.5], [0.3]]).repeat(3, axis=1)
@@ -293,19 +301,10 @@ def test_opacity_of_a_factor_or_vertices(tmp_path):
     file.json["materials"][0]["alphaCutoff"] = 0.3
     with pytest.warns(SceneWarning):
         assert len(file.load(tmp_path, lights=[]).parts) == 2
-
-
-def test_opacity(tmp_path):
+    # opacity
     glass = {"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.25], "metallicFactor": 0}}
     clear, base, _ = File().mesh(glass).load(tmp_path).parts[0].material.lobes
     assert clear.transmittance == (0.75,) and base.reflectance == (0.25, 0.25, 0.25)
-
-
-def test_normal_maps_of_two_sided_lamps_are_named(tmp_path):
-    file = File()
-    glowing = {"emissiveFactor": [1, 1, 1], "doubleSided": True, "normalTexture": {"index": file.texture(PIXELS)}}
-    with pytest.warns(SceneWarning, match="left out: normal map of a surface that emits on both sides$"):
-        assert file.mesh(glowing).load(tmp_path).parts[0].material.relief is None
 
 
 OPAQUE = np.full((4, 6, 1), 255, np.uint8)
@@ -461,14 +460,6 @@ def test_extensions_of_materials_that_are_replaced(tmp_path):
     assert load_mesh(tmp_path / "a.glb").triangles == 2
     with pytest.raises(ValueError, match="requires KHR_materials_volume, KHR_texture_basisu, which is not read"):
         dmis.load_scene(tmp_path / "a.glb")
-
-
-def test_instances_beyond_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr("dmis.formats.gltf.gltf_file.MAX_FACES", 5)
-    file = File().mesh()
-    file.json["nodes"] *= 3
-    with pytest.raises(ValueError, match="at most 5 triangles, and 15 vertices, because instances are copied"):
-        file.load(tmp_path)
 
 
 def test_files_beside_it(tmp_path):

@@ -39,13 +39,11 @@ def pbrt_file(tmp_path):
     return path
 
 
-def test_pbrt_file(pbrt_file):
+def test_scenes_by_name(pbrt_file, monkeypatch):
     for source in (pbrt_file, str(pbrt_file)):
         scene = load_scene(source, (40, 30))
         assert (scene.name, scene.camera.resolution) == ("scene", (40, 30))
-
-
-def test_error_lists_known_names(monkeypatch, pbrt_file):
+    # error lists known names
     monkeypatch.setattr("dmis.formats.load_scene.SCENE_FOLDER", pbrt_file.parent)
     monkeypatch.setattr("dmis.formats.load_scene.SHIPPED", ("scene",))
     assert load_scene("scene").parts
@@ -111,17 +109,6 @@ def test_default_lamp_shows_the_shape():
     camera = Camera.look_at(tuple(towards), (0, 0, 0), fov=0.1, resolution=(4, 4))
     white = render(load_scene(small, camera=camera, material=matte(1), lights=(sky, lamp)), "balance", 64).image
     assert white.mean() == pytest.approx(1, rel=0.01)
-
-
-def test_soft_sky_of_models(tmp_path):
-    """Brighter above than below, whichever axis is up; it is the same all around."""
-    BOX.export(tmp_path / "a.obj")
-    for up in ("y", "z"):
-        sky, _ = load_scene(tmp_path / "a.obj", up=up).lights
-        axis = np.eye(3, dtype=np.float32)["xyz".index(up)]
-        level = np.roll(axis, 1)  # and not quite at the poles, about which the map is interpolated
-        values = [sky.radiance(np.float32(w)[:, None])[0, 0] for w in (axis + 0.1 * level, level, 0.1 * level - axis)]
-        np.testing.assert_allclose(values, SOFT_SKY[::-1], atol=0.02)
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 0, 0)])
@@ -236,6 +223,14 @@ def test_up_of_the_default_camera(tmp_path) -> None:
     with pytest.raises(ValueError, match="up must be y or z, the axis of the default camera; got 'x'"):
         load_scene(BOX, up="x")
     assert main(["info", str(tmp_path / "a.obj"), "--up", "y"]) == 0
+    # brighter above than below, whichever axis is up; it is the same all around
+    BOX.export(tmp_path / "a.obj")
+    for up in ("y", "z"):
+        sky, _ = load_scene(tmp_path / "a.obj", up=up).lights
+        axis = np.eye(3, dtype=np.float32)["xyz".index(up)]
+        level = np.roll(axis, 1)  # and not quite at the poles, about which the map is interpolated
+        values = [sky.radiance(np.float32(w)[:, None])[0, 0] for w in (axis + 0.1 * level, level, 0.1 * level - axis)]
+        np.testing.assert_allclose(values, SOFT_SKY[::-1], atol=0.02)
 
 
 def test_triangles_without_area_are_left_out(tmp_path) -> None:

@@ -41,6 +41,12 @@ def test_each_material_is_a_part(load):
     names = {part.material.name: (part.mesh.triangles, part.material.lobes[0].reflectance) for part in scene.parts[:3]}
     assert names == {"matte": (1, 0.5), "b c": (2, (0, 0.5, 0)), "a": (1, (1, 0, 0))}
     assert "unread" not in scene.source
+    # materials by name
+    red = dmis.matte((1, 0, 0))
+    scene = load("newmtl a\nKd .2\nnewmtl b\nKd .4\n", f"usemtl a\n{FACE}usemtl b\n{FACE}", material={"b": red})
+    assert scene.parts[1].material is red and scene.parts[0].material.name == "a"
+    with pytest.raises(ValueError, match=r"material must have names of materials .*, \['a'\]; got 'c'"):
+        load("newmtl a\nKd .2\n", material={"c": red})
 
 
 def test_coats_and_metals(load):
@@ -51,6 +57,21 @@ def test_coats_and_metals(load):
     (metal,) = lobes(load("newmtl a\nKd 0 0 0\nKs .9 .6 .2\nNs 1000\n"))
     assert isinstance(metal.fresnel, Conductor) and metal.distribution.exponent == pytest.approx(1000)
     np.testing.assert_allclose(metal.fresnel(np.ones(1, np.float32))[:, 0], [0.9, 0.6, 0.2], rtol=1e-5)
+    # as a glTF file of the same numbers; without Pr as rough as Ns says
+    for mtl, expected in (
+        ("Pr .3\nPm 1\nKs 1\n", {"metallic": 1, "roughness": 0.3}),
+        ("Pm .25\nNs 30\n", {"metallic": 0.25, "roughness": 0.5}),
+        ("Pr .6\nd .5\n", {"roughness": 0.6, "opacity": 0.5}),
+    ):
+        surface = dmis.metallic_roughness((0.8, 0.4, 0.2), **expected)
+        assert repr(lobes(load(f"newmtl a\nKd .8 .4 .2\n{mtl}"))) == repr(surface.lobes)
+    # illum 7 refracts: Tf is what it transmits, Ni its index; an image that it does without is named
+    cases = [("Kd .01\nKs .95\nNi 1.33\nTf .9 .8 2\nd .1\n", (0.9, 0.8, 1), 1.33), ("", (1, 1, 1), 1.5)]
+    for mtl, kt, eta in (*cases, ("Ni 1.4\nmap_Kd\n", (1, 1, 1), 1.4)):
+        reflection, refraction = lobes(load(f"newmtl a\nillum 7 # glass\n{mtl}"))
+        assert (refraction.transmittance, refraction.eta, reflection.fresnel.eta) == (kt, eta, eta)
+    with pytest.warns(SceneWarning, match="left out: map_Kd of glass$"):
+        load("newmtl a\nillum 7\nmap_Kd wood.png\n")
 
 
 @pytest.mark.parametrize("statement", ["d 0.25\nTr 0.25", "d 0.25", "Tr 0.75", "d -halo 0.25"])
@@ -71,10 +92,7 @@ def test_images(load, tmp_path):
         assert (lobe.reflectance.scale, lobe.reflectance.offset) == ((2, 3), (0.5, 0))
     for empty in ("map_Kd", "map_Kd ", "MAP_KD"):  # no image
         assert lobes(load(f"newmtl a\nKd .2 .4 .6\n{empty}\n"))[0].reflectance == (0.2, 0.4, 0.6)
-
-
-def test_escaped_blanks(tmp_path):
-    """In names of MTL files, one or several in a line, and of images."""
+    # in names of MTL files, one or several in a line, and of images
     write_exr(tmp_path / "my wood.exr", {"RGB": np.full((1, 2, 3), (0.1, 0.2, 0.3), np.float32)})
     (tmp_path / "my lib.mtl").write_text("newmtl a\nmap_Kd my\\ wood.exr\n")
     (tmp_path / "b.mtl").write_text("newmtl b\nKd 1\n")
@@ -98,27 +116,33 @@ def test_masks(load, tmp_path):
         assert load("newmtl a\nKe 1\nmap_d leaf.png\n").parts[0].mask is None
 
 
-def test_lamps(load):
+def test_lamps(load, tmp_path):
     """Triangles that emit are lights, beside the default sky and lamp if they light nothing."""
     scene = load("newmtl a\nKd 0\nKe 2 3 4\n", f"{FACE}usemtl a\n{FACE}", lights=[])
     (light,) = scene.lights
     assert light.radiance == (2, 3, 4) and [part.light for part in scene.parts] == [None, light]
     sky = dmis.EnvironmentLight(np.ones((1, 2, 3)))
     assert load("newmtl a\nKe 2\n", lights=[sky]).lights[0] is sky and len(load("newmtl a\nKe 2\n").lights) == 3
-
-
-def test_lamps_that_overlap_are_left_out(load):
+    # lamps that overlap are left out
     with pytest.warns(SceneWarning, match="left out: emission of triangles that overlap$"):
         scene = load("newmtl a\nKd .5\nKe 2\n", "v .5 0 0\nusemtl a\nf 1 2 3\nf 5 2 3\n")
     assert scene.parts[0].light is None
-
-
-def test_materials_by_name(load):
-    red = dmis.matte((1, 0, 0))
-    scene = load("newmtl a\nKd .2\nnewmtl b\nKd .4\n", f"usemtl a\n{FACE}usemtl b\n{FACE}", material={"b": red})
-    assert scene.parts[1].material is red and scene.parts[0].material.name == "a"
-    with pytest.raises(ValueError, match=r"material must have names of materials .*, \['a'\]; got 'c'"):
-        load("newmtl a\nKd .2\n", material={"c": red})
+    # ke multiplies map_Ke, unless it is black; without texture coordinates there is no such lamp
+    texels = np.random.default_rng(1).random((2, 3, 3), np.float32)
+    write_exr(tmp_path / "glow.exr", {"RGB": texels})
+    for ke, factor in (("", 1), ("Ke 0 0 0\n", 1), ("Ke 4 2 1\n", [4, 2, 1])):
+        (light,) = load(f"newmtl a\n{ke}map_Ke glow.exr\n").lights[-1:]
+        np.testing.assert_allclose(light.radiance.texels, texels[::-1] * factor, rtol=1e-6)
+    with pytest.warns(SceneWarning, match="left out: map_Ke of triangles without texture coordinates$"):
+        assert load("newmtl a\nKe 1\nmap_Ke glow.exr\n", "usemtl a\nf 1 2 3\n").parts[0].light is None
+    # as in glTF files: one material for all replaces reflection alone, and nothing is said of what it replaces
+    values = np.random.default_rng(1).random((3, 3, 3)).astype(np.float32)
+    write_exr(tmp_path / "leaf.exr", {"RGB": values})
+    mtl = "newmtl a\nKd 1\nmap_d leaf.exr\nsharpness 3\nnewmtl b\nKe 1\n"
+    obj = f"usemtl a\n{FACE}usemtl b\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 5 6 7\n"
+    scene = load(mtl, obj, material=dmis.matte(0.3), lights=[])
+    assert [part.mask is not None for part in scene.parts] == [True, False]
+    assert [part.light is not None for part in scene.parts] == [False, True]
 
 
 @pytest.mark.parametrize(
@@ -217,38 +241,6 @@ def test_files_that_another_machine_named(load, tmp_path, name):
         load("newmtl a\nmap_Kd leaf 2.exr\n")
 
 
-def test_lamps_of_images(load, tmp_path):
-    """Ke multiplies map_Ke, unless it is black; without texture coordinates there is no such lamp."""
-    texels = np.random.default_rng(1).random((2, 3, 3), np.float32)
-    write_exr(tmp_path / "glow.exr", {"RGB": texels})
-    for ke, factor in (("", 1), ("Ke 0 0 0\n", 1), ("Ke 4 2 1\n", [4, 2, 1])):
-        (light,) = load(f"newmtl a\n{ke}map_Ke glow.exr\n").lights[-1:]
-        np.testing.assert_allclose(light.radiance.texels, texels[::-1] * factor, rtol=1e-6)
-    with pytest.warns(SceneWarning, match="left out: map_Ke of triangles without texture coordinates$"):
-        assert load("newmtl a\nKe 1\nmap_Ke glow.exr\n", "usemtl a\nf 1 2 3\n").parts[0].light is None
-
-
-def test_roughness_and_metalness(load):
-    """As a glTF file of the same numbers; without Pr as rough as Ns says."""
-    for mtl, expected in (
-        ("Pr .3\nPm 1\nKs 1\n", {"metallic": 1, "roughness": 0.3}),
-        ("Pm .25\nNs 30\n", {"metallic": 0.25, "roughness": 0.5}),
-        ("Pr .6\nd .5\n", {"roughness": 0.6, "opacity": 0.5}),
-    ):
-        surface = dmis.metallic_roughness((0.8, 0.4, 0.2), **expected)
-        assert repr(lobes(load(f"newmtl a\nKd .8 .4 .2\n{mtl}"))) == repr(surface.lobes)
-
-
-def test_glass(load):
-    """illum 7 refracts: Tf is what it transmits, Ni its index; an image that it does without is named."""
-    cases = [("Kd .01\nKs .95\nNi 1.33\nTf .9 .8 2\nd .1\n", (0.9, 0.8, 1), 1.33), ("", (1, 1, 1), 1.5)]
-    for mtl, kt, eta in (*cases, ("Ni 1.4\nmap_Kd\n", (1, 1, 1), 1.4)):
-        reflection, refraction = lobes(load(f"newmtl a\nillum 7 # glass\n{mtl}"))
-        assert (refraction.transmittance, refraction.eta, reflection.fresnel.eta) == (kt, eta, eta)
-    with pytest.warns(SceneWarning, match="left out: map_Kd of glass$"):
-        load("newmtl a\nillum 7\nmap_Kd wood.png\n")
-
-
 def test_one_damaged_image_leaves_the_others(load, tmp_path, monkeypatch):
     """What it should have coloured is grey; without its package no image can be read, which is an error."""
     write_exr(tmp_path / "good.exr", {"RGB": np.full((1, 2, 3), (0.1, 0.2, 0.3), np.float32)})
@@ -263,14 +255,3 @@ def test_one_damaged_image_leaves_the_others(load, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenImageIO", None)
     with pytest.raises(ValueError, match=r"reading PNG needs OpenImageIO.*dmis\[images\]"):
         load(mtl, obj)
-
-
-def test_masks_and_lamps_stay_under_another_material(load, tmp_path):
-    """As in glTF files: one material for all replaces reflection alone, and nothing is said of what it replaces."""
-    values = np.random.default_rng(1).random((3, 3, 3)).astype(np.float32)
-    write_exr(tmp_path / "leaf.exr", {"RGB": values})
-    mtl = "newmtl a\nKd 1\nmap_d leaf.exr\nsharpness 3\nnewmtl b\nKe 1\n"
-    obj = f"usemtl a\n{FACE}usemtl b\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 5 6 7\n"
-    scene = load(mtl, obj, material=dmis.matte(0.3), lights=[])
-    assert [part.mask is not None for part in scene.parts] == [True, False]
-    assert [part.light is not None for part in scene.parts] == [False, True]

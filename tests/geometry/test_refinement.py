@@ -87,10 +87,7 @@ def test_ordinary_scenes_are_not_touched() -> None:
     assert np.sqrt(12) * RADIUS > side
     mesh = FLOOR
     assert refine_near_bodies(mesh, bodies(mesh)) is mesh
-
-
-def test_bodies_of_a_joined_mesh() -> None:
-    """A ground and a sphere in one mesh are two bodies, by what shares corners; alone a mesh is one, whatever it is."""
+    # A ground and a sphere in one mesh are two bodies, by what shares corners; alone a mesh is one, whatever it is
     (part,) = ball_on_ground(1e4, joined=True).parts
     boxes = bodies(part.mesh)
     np.testing.assert_allclose(sorted(diagonals(boxes)), [np.sqrt(12), np.sqrt(8) * 1e4], rtol=1e-2)

@@ -126,9 +126,7 @@ def test_transforms_by_hand():
     np.testing.assert_allclose(rotate(90, [0, 0, 7]) @ p, [-2, 1, 3, 1], atol=1e-12)
     np.testing.assert_allclose(rotate(-90, [1, 0, 0]) @ p, [1, 3, -2, 1], atol=1e-12)
     np.testing.assert_allclose(rotate(50, [1, 2, 3])[:3, :3], matrix_of_turn(50, [1, 2, 3]))
-
-
-def test_look_at_is_left_handed():
+    # look at is left handed
     matrix = look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])
     np.testing.assert_allclose(matrix @ [0, 0, 5, 1], [0, 0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(matrix @ [0, 0, 0, 1], [0, 0, 5, 1], atol=1e-12)  # z is forward
@@ -140,13 +138,11 @@ def test_look_at_is_left_handed():
 # Normals
 
 
-def test_vertex_normals_of_a_cube_do_not_depend_on_its_diagonals():
+def test_normals():
     box = trimesh.creation.box()
     normals = vertex_normals(np.asarray(box.vertices), np.asarray(box.faces))
     np.testing.assert_allclose(normals, np.sign(box.vertices) / np.sqrt(3), atol=1e-12)
-
-
-def test_normals_ignore_faces_without_area():
+    # normals ignore faces without area
     v = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [2, 0, 0], [9, 9, 9.0]])
     faces = np.array([[0, 1, 2], [0, 1, 3], [1, 1, 2]])
     np.testing.assert_array_equal(flat_normals(v, faces), [[0, -1, 0], [0, 0, 1], [0, 0, 1]])
@@ -240,7 +236,7 @@ def test_teapot_file_is_up_to_date(make_teapot):
     np.testing.assert_allclose(file.normals, mesh.normals, atol=1e-6)
 
 
-def test_sphere():
+def test_spheres_and_zones():
     mesh = sphere(2, segments=64)
     np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 2)
     np.testing.assert_allclose(mesh.normals, mesh.vertices / 2, atol=1e-9)
@@ -248,9 +244,7 @@ def test_sphere():
     _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
     net = subdivision._half_edges(same.ravel()[mesh.faces].astype(np.int64), int(same.max()) + 1)
     assert (net.twin >= 0).all()  # watertight at the seam and the poles
-
-
-def test_sphere_zone():
+    # sphere zone
     mesh = spherical(2, -1, 1.5, 90).mesh(64)
     np.testing.assert_allclose([mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()], [-1, 1.5])
     assert (mesh.vertices[:, :2] > -1e-12).all()
@@ -261,13 +255,18 @@ def test_sphere_zone():
     np.testing.assert_allclose(spherical(1, -9, 9).mesh(8).vertices, sphere(segments=8).vertices)
 
 
-def test_cylinder():
+def test_cylinder_and_quad():
     mesh = cylindrical(2, -1, 3, 180).mesh(100)
     assert mesh.triangles == 100
     np.testing.assert_allclose(np.hypot(*mesh.vertices[:, :2].T), 2)
     np.testing.assert_allclose(mesh.normals, mesh.vertices / 2 * [1, 1, 0], atol=1e-8)
     np.testing.assert_allclose(mesh.vertices[:, 2], -1 + 4 * mesh.uv[:, 1])
     assert (agreement(mesh) > 0.99).all()
+    # quad
+    mesh = quad([1, 2, 3], [2, 0, 0], [1, 3, 0])
+    assert mesh.triangles == 2 and area_of(mesh).sum() == pytest.approx(6)
+    np.testing.assert_allclose(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]] * 2)
+    np.testing.assert_allclose(mesh.vertices, [1, 2, 3] + mesh.uv @ [[2, 0, 0], [1, 3, 0]])
 
 
 @pytest.mark.parametrize("inner, phimax", [(0, 360), (0.5, 360), (0, 100), (0.5, 100)])
@@ -285,13 +284,6 @@ def area_of(mesh: Mesh) -> np.ndarray:
     """Area of each face, (F,)."""
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-
-
-def test_quad():
-    mesh = quad([1, 2, 3], [2, 0, 0], [1, 3, 0])
-    assert mesh.triangles == 2 and area_of(mesh).sum() == pytest.approx(6)
-    np.testing.assert_allclose(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]] * 2)
-    np.testing.assert_allclose(mesh.vertices, [1, 2, 3] + mesh.uv @ [[2, 0, 0], [1, 3, 0]])
 
 
 # Files

@@ -109,17 +109,14 @@ def test_twins_have_the_same_corners() -> None:
     assert same.tolist() == [0, 0, 2, 2, 4, 0] and reverse.tolist() == [2, 2, 0, 0, -1, 2]
 
 
-def test_copies_are_left_out_of_a_mesh_and_refused_of_lamps() -> None:
+def test_copies_and_overlaps() -> None:
     """Triangles that a mesh light lists twice count once; two lamps in one place would be twice as bright, or not."""
     doubled, single = (scene_of((MeshLight(CORNERS, np.array(faces), RED),)) for faces in (DOWN + DOWN, DOWN))
     images = [render(scene, "balance", 16, seed=1).image for scene in (doubled, single)]
     np.testing.assert_array_equal(*images)
     with pytest.raises(ValueError, match=r"got part \d \(QuadLight\) and part \d \(QuadLight\) in one place at"):
         scene_of((BELOW, QuadLight(BELOW.corner, BELOW.edge_u, BELOW.edge_v, BLUE))).prepare()
-
-
-def test_overlaps_in_part_are_refused() -> None:
-    """Within a mesh, of two lamps, on one side or on two; neighbours in one plane do not overlap."""
+    # within a mesh, of two lamps, on one side or on two; neighbours in one plane do not overlap
     with pytest.raises(ValueError, match=r"triangles of a mesh light must not overlap in part.*about \[.*\] and \["):
         MeshLight(CORNERS, np.array([*DOWN, [0, 1, 3]]), RED)
     for u, v in (((0, 1.4, 0), (1.4, 0, 0)), ((1.4, 0, 0), (0, 1.4, 0))):

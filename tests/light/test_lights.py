@@ -160,10 +160,7 @@ def test_environment_rotation_and_scale() -> None:
     plain, tilted = EnvironmentLight(RANDOM_SKY), LIGHTS["tilted sky"]
     turned = np.ascontiguousarray((TILT @ w).astype(np.float32))
     np.testing.assert_allclose(tilted.radiance(turned), plain.radiance(w) * np.float32([[2], [1], [0.5]]), atol=2e-5)
-
-
-def test_environment_of_a_colour() -> None:
-    """A number or a colour shines alike from everywhere."""
+    # A number or a colour shines alike from everywhere
     w = np.stack([polar(d, 77) for d in (10, 90, 170)], axis=1).astype(np.float32)
     for value, colour in ((0.5, (0.5, 0.5, 0.5)), ((3, 2, 1), (3, 2, 1))):
         np.testing.assert_allclose(EnvironmentLight(value).radiance(w).T, [colour] * 3, rtol=1e-6)
@@ -253,7 +250,7 @@ def test_environment_search_is_a_binary_search() -> None:
 # Lights of one direction --------------------------------------------------------------------------------------------
 
 
-def test_point_by_hand() -> None:
+def test_point_and_distant_by_hand() -> None:
     """``I / d^2`` from the direction of the light, distance d, always in sight."""
     light = PointLight((1, 2, 3), (4, 8, 12))
     light_sample = light.sample(columns(np.array((1.0, 2.0, 1.0))))
@@ -262,6 +259,11 @@ def test_point_by_hand() -> None:
     np.testing.assert_allclose(light_sample.radiance, [[1], [2], [3]], rtol=1e-6)
     np.testing.assert_allclose(light_sample.wi, [[0], [0], [1]], atol=1e-7)
     assert light_sample.distance == pytest.approx(2) and light_sample.emits.all() and (light_sample.pdf == 1).all()
+    # the same radiance and direction everywhere, from infinitely far away
+    light_sample = DistantLight((0, 3, 4), WHITE).sample(columns(np.array((7.0, 8.0, 9.0)), 3))
+    np.testing.assert_allclose(light_sample.wi, np.repeat([[0], [0.6], [0.8]], 3, axis=1), atol=1e-7)
+    np.testing.assert_allclose(np.broadcast_to(light_sample.radiance, (3, 3)), np.repeat([[1], [2], [3]], 3, axis=1))
+    assert (light_sample.distance == INFINITE_DISTANCE).all() and light_sample.emits.all()
 
 
 @pytest.mark.parametrize("degrees, factor", [(0.0, 1.0), (24.9, 1.0), (30.1, 0.0), (180.0, 0.0), (27.5, None)])
@@ -295,14 +297,6 @@ def test_spot_with_a_sharp_edge() -> None:
     light = SpotLight((0, 0, 0), (0, 0, -1), WHITE, outer=30, inner=30)
     light_sample = light.sample(np.concatenate([columns(-polar(d)) for d in (29.9, 30.1)], axis=1))
     np.testing.assert_allclose(light_sample.radiance, np.float32([[1, 0], [2, 0], [3, 0]]), rtol=1e-5)
-
-
-def test_distant_by_hand() -> None:
-    """The same radiance and direction everywhere, from infinitely far away."""
-    light_sample = DistantLight((0, 3, 4), WHITE).sample(columns(np.array((7.0, 8.0, 9.0)), 3))
-    np.testing.assert_allclose(light_sample.wi, np.repeat([[0], [0.6], [0.8]], 3, axis=1), atol=1e-7)
-    np.testing.assert_allclose(np.broadcast_to(light_sample.radiance, (3, 3)), np.repeat([[1], [2], [3]], 3, axis=1))
-    assert (light_sample.distance == INFINITE_DISTANCE).all() and light_sample.emits.all()
 
 
 @pytest.mark.parametrize("name", LIGHTS)

@@ -161,6 +161,14 @@ def test_dialect_can_be_forced(read, tmp_path):
     assert read("v4", add=bare).parts[0].mesh.triangles == 1
     with pytest.raises(PbrtError, match="integer indices"):
         read("v3", add=bare)
+    path = tmp_path / "open.pbrt"
+    path.write_text('WorldBegin Shape "disk"')
+    with pytest.raises(PbrtError, match=r'WorldEnd is missing; .* dialect="v4" \(--dialect v4\)'):
+        dmis.load_scene(path)
+    assert dmis.load_scene(path, dialect="v4").parts
+    path.write_text('SurfaceIntegrator "path" WorldBegin Shape "sphere"')  # of v2
+    with pytest.raises(PbrtError, match="WorldEnd is missing"):
+        dmis.load_scene(path)
 
 
 NARROWING = {  # by the tables of names in core/api.cpp of v1 to v3 and the classes of v4
@@ -207,18 +215,6 @@ def test_a_dialect_that_is_a_guess_is_named(tmp_path, capsys):
     assert main(["info", str(path), "--dialect", "v3"]) == 0
     printed = capsys.readouterr()
     assert "dialect of pbrt: v3, from: caller" in printed.out and not printed.err
-
-
-def test_a_file_without_world_end_may_be_of_v4(tmp_path):
-    """Words that fit all dialects and no WorldEnd: the error says how to read it, which works."""
-    path = tmp_path / "open.pbrt"
-    path.write_text('WorldBegin Shape "disk"')
-    with pytest.raises(PbrtError, match=r'WorldEnd is missing; .* dialect="v4" \(--dialect v4\)'):
-        dmis.load_scene(path)
-    assert dmis.load_scene(path, dialect="v4").parts
-    path.write_text('SurfaceIntegrator "path" WorldBegin Shape "sphere"')  # of v2
-    with pytest.raises(PbrtError, match="WorldEnd is missing"):
-        dmis.load_scene(path)
 
 
 @pytest.mark.filterwarnings("default")
@@ -293,6 +289,11 @@ def test_textures_are_the_other_way_up(read, tmp_path):
     close(lobe.reflectance.texels, texels[::-1])
     scaled = f'{texture} "float scale" .5 Material "diffuse" "texture reflectance" "a"'
     close(lobes(read("v4", scaled, add=TEXTURED))[0].reflectance.texels, texels[::-1] / 2)
+    # textures may be named twice but in v4
+    twice = 'Texture "t" "spectrum" "constant" "rgb value" [.1 .1 .1] ' * 2
+    close(lobes(read("v3", twice + 'Material "matte" "texture Kd" "t"'))[0].reflectance, [0.1] * 3)
+    with pytest.raises(PbrtError, match="there is a texture of this name"):
+        read("v4", twice)
 
 
 def test_float_images_of_colours(read, tmp_path):
@@ -306,13 +307,6 @@ def test_float_images_of_colours(read, tmp_path):
     ):
         (lobe,) = lobes(read(dialect, f'{texture} "{metal}" "texture roughness" "a" {PLAIN}', add=TEXTURED))
         close(lobe.roughness.alpha.texels[..., 0], expected)
-
-
-def test_textures_may_be_named_twice_but_in_v4(read):
-    twice = 'Texture "t" "spectrum" "constant" "rgb value" [.1 .1 .1] ' * 2
-    close(lobes(read("v3", twice + 'Material "matte" "texture Kd" "t"'))[0].reflectance, [0.1] * 3)
-    with pytest.raises(PbrtError, match="there is a texture of this name"):
-        read("v4", twice)
 
 
 # Materials ------------------------------------------------------------------------------------------------------------
@@ -407,6 +401,11 @@ def test_mix(read):
     first, second = lobes(read("v4", world))
     close(first.reflectance, [0.3] * 3)
     close(second.reflectance, [0.2] * 3)
+    # names outlive blocks in v4
+    world = 'AttributeBegin MakeNamedMaterial "a" "string type" "{}" AttributeEnd NamedMaterial "a"'
+    assert len(lobes(read("v4", world.format("diffuse")))) == 1
+    with pytest.warns(PbrtWarning, match="material that is not defined, the Material line taken"):
+        read("v3", world.format("matte"))
 
 
 def test_images_under_a_coat_and_of_its_roughness(read, tmp_path):
@@ -431,13 +430,6 @@ def test_media_are_refused_and_vacuum_is_not_used(read):
             read(dialect, fog + '""')
         with pytest.raises(PbrtError, match=r'scene\.pbrt:\d+: token "fog": a medium changes the image'):
             read(dialect, fog + '"fog"')
-
-
-def test_names_outlive_blocks_in_v4(read):
-    world = 'AttributeBegin MakeNamedMaterial "a" "string type" "{}" AttributeEnd NamedMaterial "a"'
-    assert len(lobes(read("v4", world.format("diffuse")))) == 1
-    with pytest.warns(PbrtWarning, match="material that is not defined, the Material line taken"):
-        read("v3", world.format("matte"))
 
 
 # What is refused ----------------------------------------------------------------------------------------------------
@@ -548,16 +540,12 @@ def test_encoding_of_textures(read, tmp_path, dialect, more, expected):
     assert image.texels.mean() == pytest.approx(expected, abs=2e-4)
 
 
-def test_exposure_of_hdr_files_is_not_read_in_v4(read, tmp_path):
+def test_encodings_of_images(read, tmp_path):
     pytest.importorskip("OpenImageIO")
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=4\n\n-Y 1 +X 1\n"
     (tmp_path / "a.hdr").write_bytes(head + bytes([128, 64, 32, 129]))
     texture = 'Texture "a" "spectrum" "imagemap" "string filename" "a.hdr" Material "diffuse" "texture reflectance" "a"'
     close(lobes(read("v4", texture, add=TEXTURED))[0].reflectance.texels, [[[1, 0.5, 0.25]]])
-
-
-def test_encoding_of_skies_and_normal_maps(read, tmp_path):
-    """v3 takes the whole numbers of a sky as they are, v4 those of a normal map."""
     pytest.importorskip("OpenImageIO")
     (tmp_path / "a.tga").write_bytes(tga(127, 128))
     (light,) = read("v3", 'LightSource "infinite" "string mapname" "a.tga"').lights

@@ -176,12 +176,17 @@ def test_twosided_lamps_shine_on_both_sides(read, dialect, shape):
     assert mean(scene, 4).min() > 0.3
 
 
-def test_dispersion_is_left_out(read):
+def test_spectra_and_textures_of_materials(read):
     with pytest.warns(PbrtWarning, match="index of refraction that differs with the wavelength.*'eta' of Material"):
         glass = lobes(read("v4", 'Material "dielectric" "spectrum eta" "glass-BK7"'))
     assert glass[0].fresnel.eta == 1.5168
     indices = 1.51680, 1.67003, 1.48656, 1.85025, 1.67271, 1.72828, 1.78472  # Schott's, at 587.6 nm
     np.testing.assert_allclose(list(GLASSES.values()), indices, atol=1e-4)
+    # v3: a texture that is defined anew later is another one; v2 makes materials where shapes are
+    red, green = (f'Texture "t" "color" "constant" "rgb value" [{rgb}]' for rgb in (".5 0 0", "0 .5 0"))
+    for dialect, expected in (("v2", 0), ("v3", 0.5)):
+        scene = read(dialect, f'{red} Material "matte" "texture Kd" "t" {green}')
+        assert lobes(scene)[0].reflectance[0] == expected
 
 
 def test_spots_of_v4_fall_off_smoothly(read):
@@ -290,14 +295,6 @@ def test_green_of_normal_maps_is_across_the_outside(read, tmp_path, before):
     mapped, even = (mean(read("v4", f"{world}{more} {before}"))[0] for more in (' "string normalmap" "a.exr"', ""))
     up = -0.6 if before.startswith("Scale") else 0.6
     np.testing.assert_allclose(mapped / even, up + 0.8, rtol=1e-3)
-
-
-def test_materials_have_the_textures_of_their_line(read):
-    """v3: a texture that is defined anew later is another one; v2 makes materials where shapes are."""
-    red, green = (f'Texture "t" "color" "constant" "rgb value" [{rgb}]' for rgb in (".5 0 0", "0 .5 0"))
-    for dialect, expected in (("v2", 0), ("v3", 0.5)):
-        scene = read(dialect, f'{red} Material "matte" "texture Kd" "t" {green}')
-        assert lobes(scene)[0].reflectance[0] == expected
 
 
 def test_float_textures_of_coloured_images(read, tmp_path):

@@ -109,11 +109,6 @@ def test_last_of_two_equal_parameters_counts(read, dialect):
     assert scene.camera.resolution == (9, 3)
 
 
-def test_commas_between_numbers(read):
-    scene, _ = read("v3", "", "Translate 1, 2, 3", add=TRIANGLE.replace("0 0 0  1", "0,0, 0 ,1"))
-    assert scene.parts[0].mesh.vertices.tolist() == [[1, 2, 3], [2, 2, 3], [1, 3, 3]]
-
-
 @pytest.mark.parametrize("dialect", ["v2", "v3"])
 def test_what_is_not_defined(read, dialect):
     scene, texts = read(dialect, "", 'Material "mirror" NamedMaterial "a"')
@@ -125,16 +120,17 @@ def test_what_is_not_defined(read, dialect):
     assert texts == [f"{begin}'a' for 'Kd' of Material (line 2), 'b' for 'sigma' of Material (line 2)"]
 
 
-def test_empty_meshes_are_left_out(read):
+def test_what_counts_nothing(read):
     for empty in ('"point P" []', '"point P" [0 0 0]'):
         scene, texts = read("v2", "", f'Shape "trianglemesh" "integer indices" [] {empty}')
         assert len(scene.parts) == 1
         assert texts == [f"mesh without triangles, left out{AS_PBRT}Shape (line 2)"]
-
-
-def test_transforms_count_where_they_are_used(read):
+    # transforms count where they are used
     scene, texts = read("v3", "", "TransformBegin Scale 1 0 1 TransformEnd")
     assert scene.parts and not texts
+    # commas between numbers
+    scene, _ = read("v3", "", "Translate 1, 2, 3", add=TRIANGLE.replace("0 0 0  1", "0,0, 0 ,1"))
+    assert scene.parts[0].mesh.vertices.tolist() == [[1, 2, 3], [2, 2, 3], [1, 3, 3]]
 
 
 def test_packed_files(read, tmp_path, monkeypatch):

@@ -97,14 +97,12 @@ def test_cylinders_and_disks(tmp_path, shape, radius, centre):
         assert pixels_between(scene.camera, middle[rim], above[rim]).max() < TARGET_ERROR * 1.01
 
 
-def test_the_resolution_that_counts_is_the_final_one(tmp_path):
+def test_triangles_follow_the_image(tmp_path):
     world = 'Translate 0 0 1.2 Shape "sphere"'
     coarse, fine = (load(tmp_path, world, resolution=size).source["quadrics"] for size in ((160, 120), (2560, 1920)))
     assert coarse["triangles"] < 20_000 < 100_000 < fine["triangles"]
     assert max(coarse["pixels"], fine["pixels"]) <= 1.001 * TARGET_ERROR
-
-
-def test_instances_have_the_triangles_of_their_places(tmp_path):
+    # instances have the triangles of their places
     world = 'ObjectBegin "a" Shape "sphere" ObjectEnd Translate 0 {} 1 ObjectInstance "a" '
     near, far = (load(tmp_path, world.format(y)).parts[0].mesh.triangles for y in (-1, 50))
     assert far < near

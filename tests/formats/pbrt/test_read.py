@@ -92,14 +92,10 @@ def test_transforms(read, text, expected):
     close(points(read(text)), expected)
 
 
-def test_transforms_before_the_world_do_not_move_it(read):
-    close(points(read(options="Translate 1 2 3\nScale 2 2 2")), CORNERS)
-
-
 # Camera -----------------------------------------------------------------------------------------------------------
 
 
-def test_camera_is_left_handed(read):
+def test_camera(read):
     options = 'LookAt 1 2 3  1 7 3  0 0 1\nCamera "perspective" "float fov" [60]'
     camera = read(options=options).camera
     # x = up x d = z x y = -x: the image is the mirror image of a photograph of the same numbers
@@ -112,20 +108,17 @@ def test_camera_is_left_handed(read):
     top = camera.rays(np.float32([320]), np.float32([0]))[:, 0]
     np.testing.assert_allclose(top, [0, np.cos(np.pi / 6), np.sin(np.pi / 6)], atol=1e-6)
     assert camera.rays(np.float32([0]), np.float32([240]))[0, 0] > 0.6
-
-
-def test_mirrored_camera_is_right_handed(read):
+    # mirrored camera is right handed
     options = 'Scale -1 1 1\nLookAt 1 2 3  1 7 3  0 0 1\nCamera "perspective" "float halffov" 20'
     camera = read(options=options).camera
     close(camera.to_world[:3, 0], [1, 0, 0])
     assert camera.fov == 40
-
-
-def test_cropwindow(read):
-    """Shares of the image become pixels as in pbrt, rounded up; a resolution given in its place scales them."""
+    # shares of the image become pixels as in pbrt, rounded up; a resolution given in its place scales them
     film = 'Film "image" "integer xresolution" 100 "integer yresolution" 50 "float cropwindow" [.25 .5 .1 .91]'
     camera = read(options=film).camera
     assert (camera.resolution, camera.corner, camera.frame) == ((25, 41), (25, 5), (100, 50))
+    # transforms before the world do not move it
+    close(points(read(options="Translate 1 2 3\nScale 2 2 2")), CORNERS)
 
 
 # Lights -----------------------------------------------------------------------------------------------------------
@@ -303,14 +296,12 @@ def test_lobes_of_materials(read, line, kinds, values):
         close(functools.reduce(getattr, names, found[int(number)]), value)
 
 
-def test_matte_out_of_range(read):
+def test_matte_and_uber(read):
     with pytest.warns(PbrtWarning):
         (lobe,) = lobes(read('Material "matte" "color Kd" [-1 .5 2] "float sigma" 120'))
     assert isinstance(lobe, OrenNayar) and lobe.sigma == 90
     close(lobe.reflectance, (0, 0.5, 2))
-
-
-def test_uber(read):
+    # uber
     text = 'Material "uber" "color Kr" [.1 .2 .3] "color Kt" [.3 .2 .1] "color opacity" [.5 .5 .5] "float index" 2'
     clear, diffuse, coat, mirror, through = lobes(read(text))
     assert coat.fresnel == mirror.fresnel == Dielectric(0.5)
@@ -332,11 +323,18 @@ def test_refracted_radiance_is_not_divided_by_eta2(read, integrator, opacity, in
         np.testing.assert_allclose(image, 1, rtol=1e-4)
 
 
-def test_zero_normals_become_those_of_the_faces(read):
+def test_vertices_of_shapes(read):
     """Exporters write some; from mesh files they are mended, too."""
     for z in (1, -1):  # on the side of the others
         mesh = read(add=TRIANGLE[:-1] + f'"normal N" [0 0 {z} 0 .6 {0.8 * z} 0 0 0]\n').parts[0].mesh
         close(mesh.normals, [[0, 0, z], [0, 0.6, 0.8 * z], [0, 0, z]])
+    # uv comes before st
+    (part,) = read(add=TEXTURED[:-1] + ' "float st" [5 5 6 5 5 6]\n').parts
+    np.testing.assert_array_equal(part.mesh.uv, [[0, 0], [1, 0], [0, 1]])
+    # loopsubdiv has three levels by default
+    (part,) = read(f'Shape "loopsubdiv" {TETRAHEDRON}', add="").parts
+    assert part.mesh.triangles == 4 * 4**3
+    assert part.mesh.normals is not None and part.mesh.uv is None
 
 
 @pytest.mark.parametrize(
@@ -359,14 +357,6 @@ def test_types_of_spectra(read, tmp_path, kind, value, rgb):
         assert lobes(scene) == ()
 
 
-def test_texture_of_the_material_line_beats_constant_of_a_named_material(read):
-    world = 'Texture "t" "color" "constant" "color value" [.3 .3 .3] Material "matte" "texture Kd" "t"\n'
-    scene = read(world + 'MakeNamedMaterial "a" "string type" "matte" "color Kd" [.2 .2 .2] NamedMaterial "a"')
-    close(lobes(scene)[0].reflectance, [0.3] * 3)
-    other = 'Texture "u" "color" "constant" "color value" [.7 .7 .7] MakeNamedMaterial "a" "string type" "matte" '
-    close(lobes(read(f'{world} {other} "texture Kd" "u" NamedMaterial "a"'))[0].reflectance, [0.7] * 3)
-
-
 def test_named_materials(read):
     world = """
     Material "matte" "color Kd" [.1 .1 .1]
@@ -380,6 +370,12 @@ def test_named_materials(read):
     close(scene.parts[0].material.lobes[0].reflectance, [0.1] * 3)  # what it lacks is from the Material line
     close(scene.parts[1].material.lobes[0].reflectance, [0.4] * 3)
     assert [part.material.name for part in scene.parts] == ["matte", "plastic", "mirror"]
+    # texture of the material line beats constant of a named material
+    world = 'Texture "t" "color" "constant" "color value" [.3 .3 .3] Material "matte" "texture Kd" "t"\n'
+    scene = read(world + 'MakeNamedMaterial "a" "string type" "matte" "color Kd" [.2 .2 .2] NamedMaterial "a"')
+    close(lobes(scene)[0].reflectance, [0.3] * 3)
+    other = 'Texture "u" "color" "constant" "color value" [.7 .7 .7] MakeNamedMaterial "a" "string type" "matte" '
+    close(lobes(read(f'{world} {other} "texture Kd" "u" NamedMaterial "a"'))[0].reflectance, [0.7] * 3)
 
 
 # Textures ---------------------------------------------------------------------------------------------------------
@@ -421,19 +417,14 @@ def test_imagemap(read, tmp_path):
     # row 0 is t = 0
     first = Image(texels)(np.array([[1 / 8], [1 / 4]], np.float32))
     close(first[:, 0], texels[0, 0])
-
-
-def test_float_image_takes_the_luminance_and_roughness_is_capped(read, tmp_path):
+    # float image takes the luminance and roughness is capped
     exr(tmp_path / "a.exr", [[[0.5, 0.5, 0.5], [0, 0, 0], [1, 0, 0]]])
     world = 'Texture "a" "float" "imagemap" "string filename" "a.exr" Material "metal" "texture roughness" "a"'
     (lobe,) = lobes(read(world, add=TEXTURED))
     places = np.array([[1 / 6, 1 / 2, 5 / 6, 1 / 3], [0.5] * 4], np.float32)  # three centres, and between two
     # roughness is interpolated, not its reciprocal
     np.testing.assert_allclose(lobe.distribution.exponent(places)[0], [2, 10_000, 1 / 0.212671, 4], rtol=1e-3)
-
-
-def test_tga_is_linear_but_for_gamma(read, tmp_path):
-    """pbrt-v2 does not decode whole numbers."""
+    # pbrt-v2 does not decode whole numbers
     pytest.importorskip("OpenImageIO")
     (tmp_path / "a.tga").write_bytes(tga(51, 204))
     texture = 'Texture "a" "color" "imagemap" "string filename" "a.tga" "float gamma" 2'
@@ -456,17 +447,6 @@ def test_textures_belong_to_their_block(read):
 # Shapes -----------------------------------------------------------------------------------------------------------
 
 
-def test_loopsubdiv_has_three_levels_by_default(read):
-    (part,) = read(f'Shape "loopsubdiv" {TETRAHEDRON}', add="").parts
-    assert part.mesh.triangles == 4 * 4**3
-    assert part.mesh.normals is not None and part.mesh.uv is None
-
-
-def test_uv_comes_before_st(read):
-    (part,) = read(add=TEXTURED[:-1] + ' "float st" [5 5 6 5 5 6]\n').parts
-    np.testing.assert_array_equal(part.mesh.uv, [[0, 0], [1, 0], [0, 1]])
-
-
 def test_shapes_are_merged_by_material_and_kind(read):
     smooth = TRIANGLE[:-1] + ' "normal N" [0 0 1 0 0 1 0 0 1]\n'
     mapped = TRIANGLE[:-1] + ' "float uv" [0 0 1 0 0 1]\n'
@@ -484,7 +464,7 @@ def test_shapes_are_merged_by_material_and_kind(read):
     assert scene.parts[0].mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
-def test_instances(read):
+def test_instances(read, monkeypatch):
     world = f"""
     Translate 1 0 0
     ObjectBegin "thing"
@@ -503,9 +483,11 @@ def test_instances(read):
     assert [(part.material.name, part.mesh.triangles) for part in scene.parts] == [("matte", 2), ("mirror", 2)]
     inner = CORNERS * 2 + [1, 0, 0]
     close(points(scene), np.concatenate([inner + [0, 5, 0], inner * 3 + [0, 5, 0]]))
-
-
-def test_triangles_are_limited(read, monkeypatch):
+    # mirrored instance of glass
+    world = f'ObjectBegin "a" {TRIANGLE[:-1]} "normal N" [0 0 1 0 0 1 0 0 1] ObjectEnd Scale -1 1 1 ObjectInstance "a"'
+    mesh = read('Material "glass" ' + world, add="").parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]])  # the instance's own handedness does not count
+    # triangles are limited
     monkeypatch.setattr(reader, "MAX_SCENE_TRIANGLES", 4)  # those of the object count, too
     world = f'ObjectBegin "thing" {TRIANGLE} ObjectEnd\nObjectInstance "thing"\nObjectInstance "thing"\n'
     with pytest.raises(PbrtError, match=r"scene.pbrt:8: token ObjectInstance: a scene must have at most 4 triangles"):
@@ -520,12 +502,6 @@ def test_mirrored_texture_coordinates_turn_glass(read, transform, z):
     scene = read(f'Material "glass" {transform} ', add=TRIANGLE[:-1] + ' "float uv" [0 0 0 1 1 0]\n')
     mesh = scene.parts[0].mesh
     close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, z]])
-
-
-def test_mirrored_instance_of_glass(read):
-    world = f'ObjectBegin "a" {TRIANGLE[:-1]} "normal N" [0 0 1 0 0 1 0 0 1] ObjectEnd Scale -1 1 1 ObjectInstance "a"'
-    mesh = read('Material "glass" ' + world, add="").parts[0].mesh
-    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]])  # the instance's own handedness does not count
 
 
 # Files and warnings -----------------------------------------------------------------------------------------------
