@@ -274,11 +274,9 @@ def agree(scene: dmis.Scene) -> None:
     assert abs(z_score(light, both)) < Z_LIMIT and abs(z_score(brdf, both)) < Z_LIMIT
 
 
-def test_lobe() -> None:
+def test_lobe_and_textured_light() -> None:
     agree(box_scene(dmis.Material((defined("A lobe")["Dust"]((0.5, 0.4, 0.3)),))))
-
-
-def test_textured_light() -> None:
+    # textured light
     lamp = defined("square_lamp.py")["Checks"](2.0)
     agree(box_scene(lights=(lamp,), extra=(light_part(lamp),)))
 

@@ -80,20 +80,13 @@ def upward(arrows: dict[str, set[str]]) -> list[str]:
 
 def test_every_module_has_a_room() -> None:
     assert {name.split(".")[0] for name in modules() if name not in SPECIAL} <= set(LEVEL)
-
-
-def test_imports_point_downwards_and_there_is_no_circle() -> None:
+    # imports point downwards and there is no circle
     assert upward(graph()) == []
     TopologicalSorter(graph()).prepare()  # raises an error that names the circle
-
-
-def test_no_top_level_module_hides_a_public_function() -> None:
+    # no top level module hides a public function
     functions = {name for name in dir(dmis) if callable(getattr(dmis, name))}
     assert functions & {name for name in modules() if "." not in name} == set()
-
-
-def test_package_files_are_empty() -> None:
-    """A package's ``__init__`` has a docstring and nothing else, so that no room is a facade of another."""
+    # a package's ``__init__`` has a docstring and nothing else, so that no room is a facade of another
     for name, path in modules().items():
         if path.name == "__init__.py" and name != "__init__":
             (docstring,) = ast.parse(path.read_text("utf-8")).body

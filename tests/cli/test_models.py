@@ -37,10 +37,7 @@ def test_a_model_alone(tmp_path, ball, capsys):
     about = capsys.readouterr().out
     assert "added to the file: a camera that sees all" in about
     assert "from (-1, -1, -1) to (1, 1, 1), y is up" in about
-
-
-def test_camera_and_sky(tmp_path, ball):
-    """An even sky lights the ball; the camera sees what it looks at."""
+    # an even sky lights the ball; the camera sees what it looks at
     words, colour = ["--light", "0.2 0.4 0.8", "--look-at"], [0.2, 0.4, 0.8]
     image, _ = image_of(tmp_path, ball, *words, *"00", "-5", *"000", "--fov", "4")
     albedo = image.mean(axis=(0, 1)) / colour

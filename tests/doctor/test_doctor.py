@@ -160,21 +160,18 @@ def test_rows_of_a_camera_sample_are_summed():
     assert (m / np.sqrt(np.diag(covariance)))[:2] == pytest.approx(t)
 
 
-def test_samples_of_one_technique_decide_nothing():
-    """Blocks of pixels in which no BRDF sample could have been a light sample: there is nothing to compare."""
-    scene = shared_scene("cornell", (24, 24))
-    for seed in range(6):
-        diagnosis = dmis.diagnose(dmis.samples(scene, spp=16, seed=seed))
-        assert diagnosis.healthy
-        assert not any(test.trusted for test in diagnosis.tests if abs(test.difference) > 1.99)
-
-
 def test_few_samples_decide_nothing():
     """One sample as bright as all others together makes no alarm."""
     table = synthetic(4000)
     table["f"][10] = table["f"].sum()
     diagnosis = dmis.diagnose(table)
     assert diagnosis.healthy and not next(t for t in diagnosis.tests if t.name == "f").trusted
+    # Blocks of pixels in which no BRDF sample could have been a light sample: there is nothing to compare
+    scene = shared_scene("cornell", (24, 24))
+    for seed in range(6):
+        diagnosis = dmis.diagnose(dmis.samples(scene, spp=16, seed=seed))
+        assert diagnosis.healthy
+        assert not any(test.trusted for test in diagnosis.tests if abs(test.difference) > 1.99)
 
 
 def test_order_of_rows_means_nothing():
@@ -185,6 +182,9 @@ def test_order_of_rows_means_nothing():
     assert len(a) == len(b) < 8000 and (a.a_l > 0).all() and (np.diff(b.sample) >= 0).all()
     for one, other in zip(means.tests(a), means.tests(b), strict=True):
         assert one.where == other.where and one.z == pytest.approx(other.z, abs=1e-6)
+    # the four lights of the most rows differ between few rows and all; a fault is named all the same
+    table = doctor_faults.plant("density", synthetic() | {"light": np.tile(np.arange(20_000) // 100 % 9, 2)})
+    assert doctor_faults.named("density", dmis.diagnose(table).causes)
 
 
 def test_faults_without_a_cause_are_told():
@@ -193,12 +193,6 @@ def test_faults_without_a_cause_are_told():
     wrong = doctor_faults.plant("cosine", right)
     table = right | {"p_b": np.where(right["lobe"] == 1, wrong["p_b"], right["p_b"])}
     assert dmis.diagnose(table).text().startswith("verdict: no cause that I know explains it: ")
-
-
-def test_lights_of_equal_size():
-    """The four lights of the most rows differ between few rows and all; a fault is named all the same."""
-    table = doctor_faults.plant("density", synthetic() | {"light": np.tile(np.arange(20_000) // 100 % 9, 2)})
-    assert doctor_faults.named("density", dmis.diagnose(table).causes)
 
 
 def test_tests_that_are_left_out_are_told():

@@ -78,6 +78,13 @@ def test_depth_one_is_direct_lighting() -> None:
         for integrator in ("path", "direct")
     )
     np.testing.assert_array_equal(path, direct)
+    # rays of each bounce are counted
+    rays = dmis.render(ROOM, "balance", 4, settings=Settings(integrator="path", max_depth=3)).rays
+    assert set(rays) == {"camera", "bounce 1", "bounce 2", "shadow", "brdf"}
+    assert rays["camera"] >= rays["bounce 1"] > rays["bounce 2"] > 0
+    # Mirrors that face each other would never end
+    with pytest.raises(ValueError, match="max_depth must be a number with integrator direct"):
+        Settings(max_depth=None)
 
 
 @pytest.mark.parametrize(
@@ -119,10 +126,7 @@ def test_roulette_is_unbiased(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(path, "ROULETTE", first)
         found.append(images(ROOM, "balance", range(3), max_depth=6))
     assert abs(images_z_score(*found)) < Z_LIMIT
-
-
-def test_roulette_divides_by_at_most_one() -> None:
-    """A throughput of 2 stays as it is; of those of 1/4 a quarter goes on, with 1."""
+    # a throughput of 2 stays as it is; of those of 1/4 a quarter goes on, with 1
     points, rng = surface(matte(0.5), (0, 0, 1), 4000), np.random.default_rng(1)
     u = rng.random((2, 4000), np.float32)
     for before, after, share in ((4.0, 2.0, 1.0), (0.5, 1.0, 0.25)):
@@ -182,15 +186,3 @@ def test_shares_stay_with_their_paths() -> None:
     """Where rays of several groups have become one batch, each still divides its shading samples as its pixel does."""
     found = images(ROOM, Checkered(), range(2), 32, max_depth=3)
     assert abs(images_z_score(found, balanced_room(3))) < Z_LIMIT
-
-
-def test_rays_of_each_bounce_are_counted() -> None:
-    rays = dmis.render(ROOM, "balance", 4, settings=Settings(integrator="path", max_depth=3)).rays
-    assert set(rays) == {"camera", "bounce 1", "bounce 2", "shadow", "brdf"}
-    assert rays["camera"] >= rays["bounce 1"] > rays["bounce 2"] > 0
-
-
-def test_unbounded_paths_are_for_paths() -> None:
-    """Mirrors that face each other would never end."""
-    with pytest.raises(ValueError, match="max_depth must be a number with integrator direct"):
-        Settings(max_depth=None)

@@ -54,6 +54,10 @@ def test_open_values_are_the_callers(box: dmis.Scene) -> None:
     ):
         result = dmis.render(box, rule, 8, preset="thesis", **options)
         assert result.provenance["settings"].items() >= {**options, **stated, "preset": "thesis"}.items()
+    # scene decides the integrator
+    for name, one in (("path", True), ("direct", False)):
+        settings, _ = merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions(name)))
+        assert settings.one_light == one and settings.preset == "thesis"
 
 
 @pytest.mark.parametrize(
@@ -93,12 +97,6 @@ def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> No
         for lights in ("pbrt", same_as, {"all": "one", "one": "all"}[same_as])
     ]
     assert np.array_equal(images[0], images[1]) and not np.array_equal(images[0], images[2])
-
-
-def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
-    for name, one in (("path", True), ("direct", False)):
-        settings, _ = merge_settings(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions(name)))
-        assert settings.one_light == one and settings.preset == "thesis"
 
 
 @pytest.fixture(scope="module")
@@ -169,16 +167,13 @@ def test_compensated_samples_are_where_the_sky_is_bright() -> None:
     p = np.zeros((3, 2**16), np.float32)
     faint = light.sample(p, uniforms(2**16)).wi[1] > 0
     assert np.mean(faint) == pytest.approx(0.1 * FAINT / (1 + FAINT), rel=0.2)
-
-
-def test_rounding_is_not_compensated() -> None:
-    """An even sky whose texels differ by roundings of float32 is sampled as without compensation."""
+    # an even sky whose texels differ by roundings of float32 is sampled as without compensation
     light = EnvironmentLight(1 + 1e-7 * np.random.default_rng(1).random((8, 16, 3)))
     u, p = uniforms(100), np.zeros((3, 100), np.float32)
     assert np.array_equal(light.compensated(0.9).sample(p, u).pdf, light.sample(p, u).pdf)
 
 
-def test_a_light_of_a_setting_is_that_of_a_field() -> None:
+def test_a_light_of_a_setting_is_that_of_a_field(box: dmis.Scene) -> None:
     """Samples, densities, and that a compensation of the light's own comes first."""
     light, field = EnvironmentLight(SKY), EnvironmentLight(SKY, compensation=0.9)
     u, p = uniforms(1000), np.zeros((3, 1000), np.float32)
@@ -186,13 +181,18 @@ def test_a_light_of_a_setting_is_that_of_a_field() -> None:
     assert np.array_equal(a.wi, b.wi) and np.array_equal(a.pdf, b.pdf)
     assert not np.array_equal(a.wi, light.sample(p, u).wi)
     assert field.compensated(0.5) is field and light.compensated(0) is light
-
-
-def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
+    # a scene without a sky has its own lights
     assert box.plan.sampled_lights("all", 0.9) == box.plan.sampled
     assert np.array_equal(image(box, compensation=0.9), image(box))
     plan = sky_scene().plan
     assert plan.sampled_lights("all", 0.0) == plan.sampled and plan.sampled_lights("all", 0.9)[0] is not plan.sampled[0]
+    # a light's own compensation overrides settings and rules; without one these decide
+    half = image(sky_scene(), compensation=0.5)
+    assert np.array_equal(image(sky_scene(0.5), compensation=0.9), half)
+    assert np.array_equal(image(sky_scene(0.5)), half)
+    assert np.array_equal(image(sky_scene(0.0), compensation=0.5), image(sky_scene(), compensation=0.0))
+    assert np.array_equal(image(sky_scene()), image(sky_scene(), compensation=COMPENSATION))
+    assert not np.array_equal(image(sky_scene()), half)
 
 
 @pytest.mark.parametrize(
@@ -214,16 +214,6 @@ def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: f
     """Rule options and settings come before the default, which is 0 where a technique is alone; the preset pins 0."""
     result = dmis.render(sky_scene(), rule, 16, integrator="direct", **settings)
     assert result.provenance["settings"]["compensation"] == expected
-
-
-def test_the_field_comes_first() -> None:
-    """A light's own compensation overrides settings and rules; without one these decide."""
-    half = image(sky_scene(), compensation=0.5)
-    assert np.array_equal(image(sky_scene(0.5), compensation=0.9), half)
-    assert np.array_equal(image(sky_scene(0.5)), half)
-    assert np.array_equal(image(sky_scene(0.0), compensation=0.5), image(sky_scene(), compensation=0.0))
-    assert np.array_equal(image(sky_scene()), image(sky_scene(), compensation=COMPENSATION))
-    assert not np.array_equal(image(sky_scene()), half)
 
 
 def test_only_where_brdf_samples_cover_the_rest() -> None:

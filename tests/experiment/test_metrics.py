@@ -29,6 +29,13 @@ def test_closed_forms():
     halves = reference - 0.2, reference + 0.2
     assert (mse(image, *halves), relmse(image, *halves)) == pytest.approx((-0.03, -0.03 / 0.26))
     assert mean_and_error([1, 2, 6]) == pytest.approx((3, np.sqrt(7 / 3)))
+    # a reference of another size is refused, not broadcast
+    with pytest.raises(ValueError, match="same shape"):
+        mse(np.zeros((4, 4, 3)), np.zeros((4, 3)))
+    # of 9x9 pixels one block of 8x8 counts; the last row and column do not
+    image, reference = np.ones((9, 9, 3)), np.ones((9, 9, 3))
+    image[8], image[:, 8] = 5, 5
+    assert block_error(image, reference) == 0
 
 
 def test_share_of_the_sum_in_few_pixels():
@@ -51,19 +58,6 @@ def test_two_halves_are_free_of_the_references_noise():
     assert abs(error.mean() - 0.01) < 4 * error.std() / np.sqrt(error.size)
     assert mse(image, first, second) == pytest.approx(error.mean())
     assert mse(image, (first + second) / 2) > 0.02
-
-
-def test_shapes_must_agree():
-    """A reference of another size is refused, not broadcast."""
-    with pytest.raises(ValueError, match="same shape"):
-        mse(np.zeros((4, 4, 3)), np.zeros((4, 3)))
-
-
-def test_ragged_borders_are_left_out_of_blocks():
-    """Of 9x9 pixels one block of 8x8 counts; the last row and column do not."""
-    image, reference = np.ones((9, 9, 3)), np.ones((9, 9, 3))
-    image[8], image[:, 8] = 5, 5
-    assert block_error(image, reference) == 0
 
 
 def test_ratio_of_equal_and_proportional_values():

@@ -28,25 +28,19 @@ def pixels(weight: Array, shape: tuple[int, int] = (8, 12)) -> Array:
     return patch_spread(weight, 4, shape)
 
 
-def test_best(oracle: Oracle) -> None:
+def test_best_weights_and_harm(oracle: Oracle) -> None:
     """The best weight is the minimum of each patch, and a cheaper one if cost counts."""
     best = oracle.best()
     np.testing.assert_array_equal(best.ravel()[:5], BEST.ravel()[:5])
     cheap = GRID[oracle.best_index(costly=True)]
     assert (cheap <= best).all() and (cheap < best).any()
-
-
-def test_variance_of_a_map(oracle: Oracle) -> None:
-    """The variance of a map is exact on the grid and linear between; one number is a constant map."""
+    # the variance of a map is exact on the grid and linear between; one number is a constant map
     np.testing.assert_allclose(oracle.at(pixels(BEST)).ravel()[:5], 0.1)
     np.testing.assert_allclose(oracle.at(0.5), oracle.variance[HALF])
     low, high = GRID[HALF], GRID[HALF + 1]
     expected = 0.75 * oracle.variance[HALF] + 0.25 * oracle.variance[HALF + 1]
     np.testing.assert_allclose(oracle.at(float(low + 0.25 * (high - low))), expected, rtol=1e-6)
-
-
-def test_harm(oracle: Oracle) -> None:
-    """The best weights harm nowhere, nor does 1/2; the wrong end harms."""
+    # the best weights harm nowhere, nor does 1/2; the wrong end harms
     best, half, wrong = pixels(oracle.best()), np.full((8, 12), 0.5), pixels(np.where(oracle.best() < 0.5, 1.0, 0.0))
     assert oracle.harm(best) == (0, 0) and oracle.harm(half) == (0, 0) and oracle.harm(wrong)[0] == 1
     one = np.where(np.arange(96).reshape(8, 12) < 48, np.where(np.arange(12) < 4, wrong, best), best)
@@ -84,10 +78,7 @@ def test_oracle_of_another_combiner(box: dmis.Scene, tmp_path) -> None:
     balance, power = (make_oracle(box, 64, combiner=name, folder=tmp_path) for name in ("balance", "power"))
     np.testing.assert_allclose(power.variance[[0, -1]], balance.variance[[0, -1]], rtol=1e-4, atol=1e-9)
     assert not np.allclose(power.variance[HALF], balance.variance[HALF], rtol=0.01)
-
-
-def test_compensation_of_an_oracle() -> None:
-    """Under a sky the default, unless one is given, and be it 0."""
+    # under a sky the default, unless one is given, and be it 0
     sky = box_scene(lights=(dmis.EnvironmentLight(np.ones((1, 1, 3))),))
     settings = [curve_settings(sky, dmis.Settings(compensation=given)) for given in (None, 0.0, 0.5)]
     assert [found.compensation for found in settings] == [DEFAULTS["compensation"], 0.0, 0.5]
@@ -101,10 +92,7 @@ def test_patches_at_the_border_count_by_their_pixels() -> None:
         oracle = Oracle(variance, np.ones(len(GRID)), 4, 64, (4, 5))
         assert oracle.limit() == pytest.approx(truth) and oracle.limit(costly=True) == pytest.approx(truth)
         assert oracle.limit_with_counts() == pytest.approx((((16, 4)[patch] * 0.2**0.5 + (4, 16)[patch]) / 20) ** 2)
-
-
-def test_curves_without_a_saving() -> None:
-    """No variance at all, or the same at every weight: no saving to speak of, nothing left over, no division by 0."""
+    # no variance at all, or the same at every weight: no saving to speak of, nothing left over, no division by 0
     for value in (0.0, 2.0):
         oracle = Oracle(np.full((len(GRID), 2, 3), value), np.ones(len(GRID)), 4, 100)
         limits = oracle.limit(), oracle.limit(costly=True), oracle.limit_with_counts()

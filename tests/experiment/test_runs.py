@@ -50,12 +50,9 @@ runs.measure(scene, [("balance", 4), ("second-moment", 16)], 1, dmis.Reference(b
 """
 
 
-def test_first_renders_pay_no_imports_and_tables():
+def test_first_renders_pay_no_imports_and_tables(box, tmp_path):
     """A rule's first render in a process imports nothing and makes no table of a sky."""
     assert fresh_python(FIRST).split() == ["0", "0", "0", "0"]
-
-
-def test_a_budget_named_twice_is_measured_once(box, tmp_path):
-    """A budget that is named twice is rendered once, so that its runs do not count twice."""
+    # a budget that is named twice is rendered once, so that its runs do not count twice
     reference = dmis.make_reference(box, 4, folder=tmp_path)
     assert [len(r) for r in measure(box, [("balance", 2)] * 2, [1], reference).values()] == [1]

@@ -114,6 +114,14 @@ def test_written_is_what_is_read(box, reference, tmp_path):
     assert Results(tmp_path, about).runs == results.runs == {(PINNED, 8, 3): replace(RUN, mse=0.123457)}
     assert rows(tmp_path)[0]["mse_over_balance"] == "1" and tuple(rows(tmp_path)[0]) == COLUMNS
     assert COLUMNS[15] == "mse_over_pinned" and COLUMNS[11] == "mse_over_balance"
+    # the name is that of the baseline
+    with pytest.raises(ValueError, match="name of a rule must not be pinned, because compare has it"):
+        dmis.register_rule("pinned", Fixed)
+    # Rules whose names differ in what a file's name cannot have, or are very long, do not share a picture
+    rules = ["second-moment:guard=1e+3", "second-moment:guard=1e-3", "thesis", "x" * 300 + "1", "x" * 300 + "2"]
+    names = [image_path(tmp_path, (rule, 16)).name for rule in rules]
+    assert len(set(names)) == len(rules) and max(map(len, names)) < 160
+    assert names[2] == "thesis-16spp.exr" and names[1] == "second-moment-guard=1e-3-16spp.exr"
 
 
 def test_rows_are_relative_to_both_baselines(box, tmp_path, rendered):
@@ -134,12 +142,6 @@ def test_rows_are_relative_to_both_baselines(box, tmp_path, rendered):
                 ratio = float(by_rule[rule][measure]) / float(by_rule[base][measure])
                 assert float(by_rule[rule][f"{measure}_over_{base}"]) == pytest.approx(ratio, rel=1e-4)
     assert float(by_rule["balance"]["mse_over_pinned"]) < 0.9
-
-
-def test_no_rule_of_ones_own_is_called_pinned():
-    """The name is that of the baseline."""
-    with pytest.raises(ValueError, match="name of a rule must not be pinned, because compare has it"):
-        dmis.register_rule("pinned", Fixed)
 
 
 def test_other_conditions_are_refused(box, reference, tmp_path):
@@ -192,14 +194,6 @@ def test_damaged_tables_are_refused(box, reference, tmp_path, name, data, messag
         Results(tmp_path, about)
     assert f"{tmp_path / 'results.csv'} {message}" in str(error.value)
     assert data is None or path.read_text() == data
-
-
-def test_pictures_have_names_of_their_own(tmp_path):
-    """Rules whose names differ in what a file's name cannot have, or are very long, do not share a picture."""
-    rules = ["second-moment:guard=1e+3", "second-moment:guard=1e-3", "thesis", "x" * 300 + "1", "x" * 300 + "2"]
-    names = [image_path(tmp_path, (rule, 16)).name for rule in rules]
-    assert len(set(names)) == len(rules) and max(map(len, names)) < 160
-    assert names[2] == "thesis-16spp.exr" and names[1] == "second-moment-guard=1e-3-16spp.exr"
 
 
 def test_missing_images_are_rendered_again(tmp_path, write):

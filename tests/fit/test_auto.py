@@ -169,10 +169,7 @@ def test_ends_need_to_be_good_for_the_image() -> None:
     curve[-1, 3, 3] = 50
     choice, _ = decided_patterns(pilot(curve))
     assert choice is None or all(min(PATTERNS[k]) > 0 for k in np.unique(choice.pattern))
-
-
-def test_guard_holds_uncertain_gains() -> None:
-    """Pixels that differ: a gain within some standard errors of its mean is none."""
+    # Pixels that differ: a gain within some standard errors of its mean is none
     curve = FLAT.copy()
     curve[-2] = 0.1
     first = pilot(curve)
@@ -181,10 +178,7 @@ def test_guard_holds_uncertain_gains() -> None:
         choice, _ = decided_patterns(replace(first, sums=sums), guard=1.5)
         patterns = EQUAL if choice is None else choice.pattern
         np.testing.assert_allclose(SHARES[SHARE_OF[patterns]], share)
-
-
-def test_patterns_that_do_not_pay_are_left_out() -> None:
-    """Flat curves have nothing to gain; what half of the pixels of paths gains by luck, the other half refuses."""
+    # Flat curves have nothing to gain; what half of the pixels of paths gains by luck, the other half refuses
     curve = np.ones((4, len(SHARES), 4, 4))
     curve[[0, 3], -1], curve[[1, 2], -1] = 0.01, 1.5
     for choice, error in (decided_patterns(pilot(FLAT, 3.0)), decide_one_pattern(pilot(curve), "relative")):
@@ -368,10 +362,7 @@ def test_numbers_are_equal_where_variance_is_luck() -> None:
     second = second_round(first_film(spikes, budget=100))
     assert (second.spp, second.begin) == (100 - N, N)
     assert (second.maps["number_error"] > 0.85).all()
-
-
-def test_error_that_is_judged_is_that_of_the_pixels_own_weight() -> None:
-    """A bright noisy column beside a dark even one: its variance counts with its own 1 / I^2, not its neighbour's."""
+    # a bright noisy column beside a dark even one: its variance counts with its own 1 / I^2, not its neighbour's
     mean = np.where(np.arange(64) % 8 < 4, 10.0, 0.1)[None, :, None] * np.ones((64, 64, 3))
     second = second_round(first_film(mean, mean), replace(PLAIN, error="relative"))
     # V q is 1 / (1 + e / I^2) in bright pixels and next to nothing in dark ones: half of the pixels have all error
@@ -431,9 +422,7 @@ def test_rounds_without_shares_to_choose() -> None:
         assert first.stage == stage
         assert first.image_weight == (0 if stage == "pilot" else first.spp)
     assert isinstance(make_rule("counts"), Auto) and not make_rule("counts").weights
-
-
-def test_first_round_grows_with_the_budget() -> None:
+    # first round grows with the budget
     sizes = {16: 4, 31: 4, 32: 8, 63: 8, 64: 16, 256: 32, 1024: 64, 4096: 64}
     assert {spp: make_rule("auto").pilot_samples(spp) for spp in sizes} == sizes
 

@@ -39,6 +39,9 @@ def test_texts(box: dmis.Scene) -> None:
     assert make_rule("fixed:light=0.25,brdf=0.75") == Fixed(0.25, techniques=("light", "brdf"))
     assert parse_rules(f"balance,{MIX},auto") == ["balance", MIX, "auto"]
     assert dmis.render(box, MIX, 4, seed=3).weight == pytest.approx(0.3)
+    # three techniques where two are needed
+    with pytest.raises(ValueError, match="combiner optimal needs two techniques; got 3: light, brdf, uniform"):
+        dmis.Settings(techniques=THREE, combiner="optimal")
 
 
 @pytest.mark.parametrize(
@@ -57,11 +60,6 @@ def test_texts(box: dmis.Scene) -> None:
 def test_texts_that_are_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make_rule(text)
-
-
-def test_three_techniques_where_two_are_needed() -> None:
-    with pytest.raises(ValueError, match="combiner optimal needs two techniques; got 3: light, brdf, uniform"):
-        dmis.Settings(techniques=THREE, combiner="optimal")
 
 
 # Maps -----------------------------------------------------------------------------------------------------------------

@@ -77,11 +77,14 @@ def test_weight_of_least_variance_and_cost_by_hand() -> None:
     np.testing.assert_array_equal(fit.maps["patch"], [[GRID[9], 0.5]])
 
 
-def test_cheap_is_not_sure() -> None:
+def test_no_reason_to_leave_one_half() -> None:
     """Where the pilot sees no gain in variance, a sure gain in cost changes nothing: it may have seen too little."""
     found = pilot_of_curves(np.ones((len(GRID), 1, 1)))
     found[0.5] = replace(found[0.5], rays={"camera": 100, "shadow": 100, "brdf": 0})
     assert np.all(SecondMoment(guard=0.0).fit(found).weight == 0.5)
+    # where nothing was seen there is no reason to leave
+    fit = SecondMoment().fit(pilot_of_curves(np.zeros((len(GRID), 1, 1))))
+    np.testing.assert_array_equal(fit.weight, 0.5)
 
 
 def test_gain_is_significant_with_its_cost() -> None:
@@ -135,9 +138,3 @@ def test_ends_are_for_images_that_like_them() -> None:
     curve[-2:] = [[[0.6, 1.0]], [[0.5, 1.25]]]
     fit = SecondMoment(**PLAIN).fit(pilot_of_curves(curve, shape=(4, 5)))
     np.testing.assert_array_equal(fit.maps["patch"], [[1, 0.5]])
-
-
-def test_black_patches_stay_at_one_half() -> None:
-    """Where nothing was seen there is no reason to leave."""
-    fit = SecondMoment().fit(pilot_of_curves(np.zeros((len(GRID), 1, 1))))
-    np.testing.assert_array_equal(fit.weight, 0.5)

@@ -72,12 +72,6 @@ def test_what_happened(variance: list[float], weight: float, status: str) -> Non
     assert got == pytest.approx(weight, abs=1e-12) and STATUS[int(number)] == status
 
 
-def test_three_distinct_weights_are_needed() -> None:
-    """Two weights, however often, make no parabola."""
-    with pytest.raises(ValueError, match="at least three distinct weights"):
-        parabola_minimum(np.array([0.0, 1.0, 1.0]), np.ones((3, 2)))
-
-
 # The thesis's rule --------------------------------------------------------------------------------------------------
 
 
@@ -105,25 +99,22 @@ def test_black_patches_get_one_half() -> None:
         fit = Thesis(4, no_signal=no_signal).fit(black)
         np.testing.assert_array_equal(fit.weight, 0.5)
         assert (fit.maps["status"] == code("no signal")).all()
+    # two weights, however often, make no parabola
+    with pytest.raises(ValueError, match="at least three distinct weights"):
+        parabola_minimum(np.array([0.0, 1.0, 1.0]), np.ones((3, 2)))
 
 
-def test_thesis_pilot() -> None:
-    """2 + 2 + 2 camera samples at w = 0, 1/2, 1, or 4 each."""
-    assert Thesis().pilot == {0.0: 2, 0.5: 2, 1.0: 2}
-    assert Thesis(spp=4).pilot == {0.0: 4, 0.5: 4, 1.0: 4}
-
-
-def test_channels() -> None:
+def test_pilot_channels_and_filter() -> None:
     """A red patch whose minimum differs from the green one's: luminance follows green, rgb the plain mean."""
     minimum = np.array([0.2, 0.8, 0.8])  # of red, green, blue, at equal curvature
     variances = {w: np.broadcast_to((w - minimum) ** 2 + 0.1, (4, 4, 3)) for w in PILOT}
     moments = {w: Film.of(Moments(2, np.ones((4, 4, 3)), v)) for w, v in variances.items()}
     assert Thesis(4, channels="rgb").fit(moments).maps["raw"] == pytest.approx(0.6)
     assert Thesis(4, channels="luminance").fit(moments).maps["raw"] == pytest.approx(0.8 - 0.6 * 0.212671)
-
-
-def test_size_of_the_filter() -> None:
-    """One tap is no filter; an impulse spreads over `size` patches on a side, no more."""
+    # 2 + 2 + 2 camera samples at w = 0, 1/2, 1, or 4 each
+    assert Thesis().pilot == {0.0: 2, 0.5: 2, 1.0: 2}
+    assert Thesis(spp=4).pilot == {0.0: 4, 0.5: 4, 1.0: 4}
+    # one tap is no filter; an impulse spreads over `size` patches on a side, no more
     minimum = np.full((36, 36), 0.4)
     minimum[16:20, 16:20] = 0.6
     for size in (1, 3, 5, 7):

@@ -92,7 +92,7 @@ def test_images(load, tmp_path):
         assert (lobe.reflectance.scale, lobe.reflectance.offset) == ((2, 3), (0.5, 0))
     for empty in ("map_Kd", "map_Kd ", "MAP_KD"):  # no image
         assert lobes(load(f"newmtl a\nKd .2 .4 .6\n{empty}\n"))[0].reflectance == (0.2, 0.4, 0.6)
-    # in names of MTL files, one or several in a line, and of images
+    # escaped blanks in names of MTL files, one or several in a line, and of images
     write_exr(tmp_path / "my wood.exr", {"RGB": np.full((1, 2, 3), (0.1, 0.2, 0.3), np.float32)})
     (tmp_path / "my lib.mtl").write_text("newmtl a\nmap_Kd my\\ wood.exr\n")
     (tmp_path / "b.mtl").write_text("newmtl b\nKd 1\n")
@@ -127,7 +127,7 @@ def test_lamps(load, tmp_path):
     with pytest.warns(SceneWarning, match="left out: emission of triangles that overlap$"):
         scene = load("newmtl a\nKd .5\nKe 2\n", "v .5 0 0\nusemtl a\nf 1 2 3\nf 5 2 3\n")
     assert scene.parts[0].light is None
-    # ke multiplies map_Ke, unless it is black; without texture coordinates there is no such lamp
+    # Ke multiplies map_Ke, unless it is black; without texture coordinates there is no such lamp
     texels = np.random.default_rng(1).random((2, 3, 3), np.float32)
     write_exr(tmp_path / "glow.exr", {"RGB": texels})
     for ke, factor in (("", 1), ("Ke 0 0 0\n", 1), ("Ke 4 2 1\n", [4, 2, 1])):

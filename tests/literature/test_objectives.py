@@ -51,11 +51,17 @@ def weight(rule: str, cost: tuple[float, float] = (1.0, 1.0)) -> float:
     return float(made.solve(sums[..., None], cost)[0, 0])
 
 
-def test_taylor() -> None:
+def test_moments_of_taylor_and_representativity() -> None:
     """``1/2 - M2'(1/2) / M2''(1/2)``."""
     d = (P_L - P_B) / Q
     slope, bend = (integral(f(X) ** 2 / Q * d**k) for k in (1, 2))
     assert weight("taylor") == pytest.approx(0.5 + slope / (2 * bend), abs=5e-3)
+    # ``E[f / p]^2 / E[(f / p)^2]`` of each
+    light, brdf = (integral(f(X)) ** 2 / integral(f(X) ** 2 / p) for p in (P_L, P_B))
+    assert weight("representativity") == pytest.approx(light / (light + brdf), abs=5e-3)
+    # a technique that misses half of f: 1 / 2 against .5^2 / 1
+    of_patch = np.array([[1.0, 0.5], [2.0, 1.0]])[..., None, None]
+    assert dmis.make_rule("representativity").solve(of_patch, (1.0, 1.0)) == pytest.approx(0.5 / 0.75)
 
 
 @pytest.mark.parametrize("cost", [(1.0, 1.0), (1.0, 4.0)])
@@ -71,15 +77,6 @@ def test_neyman(cost: tuple[float, float]) -> None:
     light = np.sqrt(variance(f(X) / Q, P_L) / cost[1])
     brdf = np.sqrt(variance(f(X) / Q, P_B) / cost[0])
     assert weight("neyman", cost) == pytest.approx(light / (light + brdf), abs=5e-3)
-
-
-def test_representativity() -> None:
-    """``E[f / p]^2 / E[(f / p)^2]`` of each."""
-    light, brdf = (integral(f(X)) ** 2 / integral(f(X) ** 2 / p) for p in (P_L, P_B))
-    assert weight("representativity") == pytest.approx(light / (light + brdf), abs=5e-3)
-    # a technique that misses half of f: 1 / 2 against .5^2 / 1
-    of_patch = np.array([[1.0, 0.5], [2.0, 1.0]])[..., None, None]
-    assert dmis.make_rule("representativity").solve(of_patch, (1.0, 1.0)) == pytest.approx(0.5 / 0.75)
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,11 @@ def test_many_samples() -> None:
     result = checked(glossy((2, 2)), "auto", 4096, sampler="sobol")
     n = result.samples.astype(int)
     assert (n & (n - 1) == 0).all() and n.max() >= 1024
+    # numbers are whole and even in every camera sample
+    result = checked(glossy((16, 12)), "auto:error=absolute", 32, sampler="sobol", shading_samples=4)
+    total, n = np.array([result.light_samples, result.brdf_samples]), result.samples
+    halves = total / n / 2
+    assert np.abs(halves - np.round(halves)).max() < 1e-4 and (total >= 2 * n - 1e-3).any()
 
 
 @cache
@@ -90,14 +95,6 @@ def test_samplers_and_integrators(sampler: str, integrator: str) -> None:
     assert abs(means.mean() - expected) < 5 * means.std(ddof=1) / np.sqrt(len(means)) + 2e-3 * expected
     assert images[0].deviation_of == ("sub-blocks" if sampler == "sobol" else "samples")
     assert images[0].provenance["deviation_of"] == images[0].deviation_of
-
-
-def test_more_shading_samples() -> None:
-    """Numbers are whole and even in every camera sample."""
-    result = checked(glossy((16, 12)), "auto:error=absolute", 32, sampler="sobol", shading_samples=4)
-    total, n = np.array([result.light_samples, result.brdf_samples]), result.samples
-    halves = total / n / 2
-    assert np.abs(halves - np.round(halves)).max() < 1e-4 and (total >= 2 * n - 1e-3).any()
 
 
 def test_provenance_has_what_was_decided(box: dmis.Scene) -> None:

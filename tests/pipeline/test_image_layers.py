@@ -98,12 +98,15 @@ def test_albedo_is_at_most_one() -> None:
     for material in (dmis.glass(), dmis.plastic(1.0, 1.0, 0.1), *glossy):
         albedo = dmis.render(box_scene(material, fov=20), "balance", 1, layers=["albedo"]).layers["albedo"]
         assert 0.9 < albedo.min() and albedo.max() <= 1, material.name
-
-
-def test_one_pixel() -> None:
-    """No axis is lost."""
+    # no axis is lost
     layers = dmis.render(box_scene(resolution=(1, 3)), "balance", 2, layers=[*SURFACE, "direct"]).layers
     assert layers["depth"].shape == (3, 1) and layers["uv"].shape == (3, 1, 2) and layers["direct"].shape == (3, 1, 3)
+    # by paths; directly it shines at the first surface
+    scene = box_scene(dmis.matte(0.5), (ABOVE, dmis.PointLight((0, 0, 1), (1, 1, 1))))
+    with pytest.raises(ValueError, match="without delta lights"):
+        dmis.render(scene, "balance", 2, layers=["direct"], integrator="path")
+    result = dmis.render(scene, "balance", 2, layers=["direct"], integrator="direct")
+    np.testing.assert_allclose(result.layers["direct"], result.image, rtol=1e-5)
 
 
 def test_light_of_one_lamp() -> None:
@@ -169,15 +172,6 @@ def test_refuses(layers: list[str], options: dict[str, object], message: str) ->
     """Names that are none, and rules of other numbers of samples."""
     with pytest.raises(ValueError, match=message):
         dmis.render(box_scene(), spp=64, layers=layers, **options)  # type: ignore[arg-type]
-
-
-def test_surface_of_a_delta_light_is_unknown() -> None:
-    """By paths; directly it shines at the first surface."""
-    scene = box_scene(dmis.matte(0.5), (ABOVE, dmis.PointLight((0, 0, 1), (1, 1, 1))))
-    with pytest.raises(ValueError, match="without delta lights"):
-        dmis.render(scene, "balance", 2, layers=["direct"], integrator="path")
-    result = dmis.render(scene, "balance", 2, layers=["direct"], integrator="direct")
-    np.testing.assert_allclose(result.layers["direct"], result.image, rtol=1e-5)
 
 
 def test_statistics_go_to_workers() -> None:

@@ -49,6 +49,13 @@ def test_rules_that_divide_camera_samples_have_a_first_round() -> None:
     result = dmis.render(DELTAS, "auto", 32, seed=1, sampler="sobol")
     assert np.ptp(result.samples) > 0 and (result.weight == 0.5).all()
     assert not result.provenance["pilot_rays"] and "nothing_to_mix" not in result.provenance
+    # the default is to render the pilot; ``shares_only = True`` leaves it out
+    result = dmis.render(DELTAS, Own(), 8)
+    assert (result.weight == 0.25).all() and result.provenance["pilot_rays"]["camera"] > 0
+    rule = Own()
+    rule.shares_only = True
+    result = dmis.render(DELTAS, rule, 8)
+    assert (result.weight == 0.5).all() and result.provenance["pilot_rays"] == {}
 
 
 class Own(dmis.Rule):
@@ -58,16 +65,6 @@ class Own(dmis.Rule):
 
     def fit(self, pilot):
         return Fit(0.25)
-
-
-def test_own_rules_have_a_first_round_by_default() -> None:
-    """The default is to render the pilot; ``shares_only = True`` leaves it out."""
-    result = dmis.render(DELTAS, Own(), 8)
-    assert (result.weight == 0.25).all() and result.provenance["pilot_rays"]["camera"] > 0
-    rule = Own()
-    rule.shares_only = True
-    result = dmis.render(DELTAS, rule, 8)
-    assert (result.weight == 0.5).all() and result.provenance["pilot_rays"] == {}
 
 
 def test_one_light_with_two_techniques_is_enough() -> None:

@@ -84,13 +84,6 @@ def test_window_has_the_bits_of_the_whole_image(integrator, rule, options, windo
     assert part.provenance["window"] == "the same pixels as in the whole image"
 
 
-def test_window_that_doubles_its_samples(box):
-    """Doubling joins the same samples as in the whole image; a checkpoint of a window resumes."""
-    whole = dmis.render(box, "balance", 64, noise=0, parallel=1)
-    part = dmis.render(box.crop((1, 5, 30, 20)), "balance", 64, noise=0, parallel=1)
-    np.testing.assert_array_equal(part.image, whole.image[5:20, 1:30])
-
-
 def test_window_is_an_image_of_its_own_to_rules_that_learn(box):
     """They say so; no film of theirs has pixels outside."""
     crop = box.crop((0, 0, 8, 12))
@@ -120,6 +113,10 @@ def test_pilot_counts_in_the_budget(box):
     assert result.rays["camera"] == box.covered_pixels.sum() * 16
     assert (result.samples == 16).all()
     assert (dmis.render(box, "thesis:reuse=yes", 16).samples == 16).all()
+    # Doubling joins the same samples as in the whole image; a checkpoint of a window resumes
+    whole = dmis.render(box, "balance", 64, noise=0, parallel=1)
+    part = dmis.render(box.crop((1, 5, 30, 20)), "balance", 64, noise=0, parallel=1)
+    np.testing.assert_array_equal(part.image, whole.image[5:20, 1:30])
 
 
 @pytest.mark.parametrize(("sampler", "reused"), [("independent", True), ("stratified", False), ("sobol", False)])

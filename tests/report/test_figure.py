@@ -104,7 +104,7 @@ def test_panels_do_not_overlap(made: tuple[Comparison, Path], width: float, erro
     )
 
 
-def test_words_are_whole_and_lie_beside_each_other(made: tuple[Comparison, Path]) -> None:
+def test_words_of_a_figure(made: tuple[Comparison, Path]) -> None:
     comparison, _ = made
     (of, *_) = figure.contestants(comparison)
     drawn = figure.draw(comparison, [replace(of, rule="second-moment:patch=8,guard=12.5")] * 7, [(0, 0, 8, 8)], width=4)
@@ -112,9 +112,7 @@ def test_words_are_whole_and_lie_beside_each_other(made: tuple[Comparison, Path]
     assert {"second-", "patch=8,", "guard=12.5", "reference"} <= words
     wide = max(text.get_window_extent().width for text in texts_of(drawn))
     assert wide < drawn.axes[2].get_window_extent().x0 - drawn.axes[1].get_window_extent().x0
-
-
-def test_texts_have_the_numbers_of_the_table(made: tuple[Comparison, Path]) -> None:
+    # texts have the numbers of the table
     comparison, _ = made
     gain = next(g for g in gains(comparison.runs) if (g.rule, g.spp) == ("pbrt", 16))
     (_, of, *_) = figure.contestants(comparison, ["balance", "pbrt"], "mse")
@@ -188,7 +186,7 @@ def test_errors_of_an_image(made: tuple[Comparison, Path], tmp_path: Path, capsy
         assert main(["info", *words]) == 2 and message in capsys.readouterr().err
 
 
-def test_flip() -> None:
+def test_flip(monkeypatch: pytest.MonkeyPatch) -> None:
     """0 for an image itself, more for more noise, and 1 at most."""
     pytest.importorskip("flip_evaluator", reason="needs flip-evaluator")
     rng = np.random.default_rng(2)
@@ -196,9 +194,7 @@ def test_flip() -> None:
     noisy, noisier = (image + s * rng.normal(size=image.shape).astype(np.float32) for s in (0.05, 0.3))
     assert flip(image, image).max() == 0
     assert 0 < flip(noisy, image).mean() < flip(noisier, dmis.Reference(image, image, 1)).mean() <= 1
-
-
-def test_flip_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    # flip is an extra
     monkeypatch.setitem(__import__("sys").modules, "flip_evaluator", None)
     with pytest.raises(ImportError, match=r"pip install 'dmis\[flip\]'"):
         flip(np.ones((4, 4, 3)), np.ones((4, 4, 3)))

@@ -188,10 +188,7 @@ def test_linear_png_keeps_all_half_floats():
     np.testing.assert_array_equal(half_floats(linear_png(values.astype(np.float32))), values)
     odd = half_floats(linear_png(np.array([[[1e9, np.nan, -1e9]]], np.float32)))
     np.testing.assert_array_equal(odd, [[[65504, 0, -65504]]])
-
-
-def test_map_colours():
-    """The ends of the palette at the ends of the range."""
+    # the ends of the palette at the ends of the range
     pixels = decoded(map_png(np.array([[0.0, 1.0, 2.0]]), "magma"))
     low, high = (tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in plot.palette("magma", 2))
     np.testing.assert_allclose(pixels[0], [low, high, high], atol=1)  # of rounding

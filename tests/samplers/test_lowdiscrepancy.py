@@ -57,10 +57,7 @@ def test_counts_that_are_no_powers_of_two() -> None:
     assert all(len(np.unique(cell[..., pixel])) == 15 for pixel in range(50))
     quarter = (u[0] * 4).astype(int)
     assert all(len(np.unique(quarter[k, :, pixel])) == 3 for k in range(5) for pixel in range(50))
-
-
-def test_uneven_counts_use_even_beginnings() -> None:
-    """Numbers by their place in a technique's sequence: the first 2^k of a pixel are a net for every k."""
+    # numbers by their place in a technique's sequence: the first 2^k of a pixel are a net for every k
     for n in (2, 8, 32):
         source = LowDiscrepancy(PixelBlock(stream(4, 0, 0), 4, np.arange(3), [100], 2))
         source.start(np.tile(np.arange(3), n), np.repeat(np.arange(n), 3))

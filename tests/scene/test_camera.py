@@ -44,21 +44,21 @@ def test_fov_spans_the_shorter_side(resolution: tuple[int, int], fov: float) -> 
     assert across[0] / across[2] == pytest.approx(-down[1] / down[2], abs=3e-7 * np.tan(np.radians(fov / 2)))
 
 
-def test_corners() -> None:
+def test_rays_by_hand() -> None:
     """(0, 0) is the top left: x to the left, y up; the middle looks along z; by hand for 90 degrees at 2:1."""
     camera = Camera(IDENTITY, 90.0, (200, 100))
     for x, y, expected in ((0, 0, (-2, 1, 1)), (200, 0, (2, 1, 1)), (0, 100, (-2, -1, 1)), (100, 50, (0, 0, 1))):
         np.testing.assert_allclose(ray(camera, x, y), np.array(expected) / np.linalg.norm(expected), atol=1e-6)
-
-
-def test_rays_are_unit_and_float32() -> None:
-    """All over the image, for a camera matrix with scale too: its rows are directions, not lengths."""
+    # all over the image, for a camera matrix with scale too: its rows are directions, not lengths
     matrix = np.diag([3.0, 3.0, 3.0, 1.0])
     x, y = np.random.default_rng(1).random((2, 1000), dtype=np.float32) * 64
     out = Camera(matrix, 60.0, (64, 64)).rays(x, y)
     assert out.dtype == np.float32 and out.flags.c_contiguous
     np.testing.assert_allclose(dot(out, out), 1, atol=1e-6)
     np.testing.assert_allclose(out, Camera(IDENTITY, 60.0, (64, 64)).rays(x, y), atol=1e-6)
+    # a left-handed camera, pbrt's, is allowed: the image is mirrored left to right
+    mirrored = Camera(np.diag([-1.0, 1, 1, 1]), 50.0, (10, 8))
+    np.testing.assert_allclose(ray(mirrored, 2, 3), ray(Camera(IDENTITY, 50.0, (10, 8)), 8, 3), atol=1e-6)
 
 
 def test_look_at_is_right_handed() -> None:
@@ -72,19 +72,6 @@ def test_look_at_is_right_handed() -> None:
     np.testing.assert_allclose(camera.to_world[:3, :3] @ camera.to_world[:3, :3].T, np.eye(3), atol=1e-12)
 
 
-def test_mirrored_matrix_mirrors_the_image() -> None:
-    """A left-handed camera, pbrt's, is allowed: the image is mirrored left to right."""
-    mirrored = Camera(np.diag([-1.0, 1, 1, 1]), 50.0, (10, 8))
-    np.testing.assert_allclose(ray(mirrored, 2, 3), ray(Camera(IDENTITY, 50.0, (10, 8)), 8, 3), atol=1e-6)
-
-
-def test_numbers_of_numpy_become_pythons() -> None:
-    """So that a resolution can be written as JSON, and the same camera has the same hash."""
-    camera = Camera(IDENTITY, 50.0, np.array([8, 6])).crop(np.array([2.0, 1, 4, 5]))  # type: ignore[arg-type]
-    assert (camera.resolution, camera.corner, camera.frame) == ((2, 4), (2, 1), (8, 6))
-    assert {type(n) for n in (*camera.resolution, *camera.corner, *(camera.frame or ()))} == {int}
-
-
 def test_crop_sees_the_same_rays() -> None:
     """A ray through a crop, and through a crop of a crop, is that of the whole image, corner added."""
     whole = Camera(np.diag([-1.0, 1, 1, 1]), 50.0, (100, 60))
@@ -95,6 +82,10 @@ def test_crop_sees_the_same_rays() -> None:
     x, y = x.astype(np.float32), y.astype(np.float32)
     np.testing.assert_allclose(crop.rays(x, y), whole.rays(x + 30, y + 10), atol=3e-7)
     np.testing.assert_allclose(inner.rays(x, y), whole.rays(x + 30, y + 15), atol=3e-7)
+    # So that a resolution can be written as JSON, and the same camera has the same hash
+    camera = Camera(IDENTITY, 50.0, np.array([8, 6])).crop(np.array([2.0, 1, 4, 5]))  # type: ignore[arg-type]
+    assert (camera.resolution, camera.corner, camera.frame) == ((2, 4), (2, 1), (8, 6))
+    assert {type(n) for n in (*camera.resolution, *camera.corner, *(camera.frame or ()))} == {int}
 
 
 @pytest.mark.parametrize("material, warned", [(dmis.glass(), True), (dmis.mirror(), True), (dmis.matte(0.5), False)])
@@ -157,7 +148,7 @@ def test_a_lens_is_the_mean_of_pinholes() -> None:
     assert blurred < 0.5 * np.abs(lens.image - sharp).mean()
 
 
-def test_orthographic_rays_are_parallel() -> None:
+def test_rays_of_other_projections() -> None:
     camera = replace(PLACE, projection="orthographic", fov=90.0, resolution=(8, 4))
     x, y = np.float32([0, 8, 4, 1.5]), np.float32([0, 4, 2, 3])
     origin, direction = camera.lens_rays(x, y)
@@ -167,9 +158,7 @@ def test_orthographic_rays_are_parallel() -> None:
     np.testing.assert_allclose(direction, np.repeat(forward[:, None], 4, axis=1), atol=1e-6)
     part = camera.crop((2, 1, 6, 3))
     np.testing.assert_allclose(part.lens_rays(x, y)[0], camera.lens_rays(x + 2, y + 1)[0], atol=1e-6)
-
-
-def test_spherical_rays_go_all_around() -> None:
+    # spherical rays go all around
     camera = replace(PLACE, projection="spherical", resolution=(8, 4))
     right, up, forward, eye = np.asarray(camera.to_world)[:3].T
     x, y, axes = np.float32([0, 2, 4, 6, 3]), np.float32([2, 2, 2, 2, 0]), [right, forward, -right, -forward, up]

@@ -127,6 +127,8 @@ def test_black_surfaces_end_paths(monkeypatch: pytest.MonkeyPatch) -> None:
     image, rays = tile_of(box_scene(Material((Lambert(0.0),))), integrator="path")
     assert not image.any() and rays["bounce 1"] == 0 and called["times"] == 0 and rays["shadow"] == 0
     assert tile_of(black, integrator="path")[1]["bounce 1"] < tile_of(grey, integrator="path")[1]["bounce 1"]
+    scene = ball_scene()
+    assert not replace(scene, parts=(Part(scene.parts[0].mesh, matte(0)),)).covered_pixels.any()  # type: ignore[union-attr]
 
 
 def test_last_rays_are_followed_only_where_they_may_meet_a_light() -> None:
@@ -204,12 +206,6 @@ def test_unused_features_change_no_bit(name: str) -> None:
         assert again == rays
 
 
-def test_black_base_under_a_coat_stays() -> None:
-    """A substrate is one model of two lobes."""
-    scene = box_scene(dmis.substrate(kd=0))
-    assert any(isinstance(lobe, BlendBase) for lobe in scene.plan.groups[0].reflection)
-
-
 @pytest.mark.parametrize("light", [POINT, LAMP, SphereLight((0, 0, 3), 0.5, (1, 1, 1)), SPOT])
 def test_lights_without_power(light: Any) -> None:
     """They are not in the plan; a single channel above 0 is power."""
@@ -227,6 +223,9 @@ def test_surface_of_a_light_without_power_is_a_surface() -> None:
     scene, other = (box_scene(lights=(dark, POINT), extra=(p,)) for p in (part, replace(part, light=None)))
     assert [group.emission for group in scene.plan.groups] == [None]
     np.testing.assert_array_equal(tile_of(scene)[0], tile_of(other)[0])
+    # a substrate is one model of two lobes
+    scene = box_scene(dmis.substrate(kd=0))
+    assert any(isinstance(lobe, BlendBase) for lobe in scene.plan.groups[0].reflection)
 
 
 # Pixels that see nothing ----------------------------------------------------------------------------------------------
@@ -316,12 +315,6 @@ def test_nothing_is_provable_under_a_sky() -> None:
     round_ = Round(4, pixel_shares(0.5), Settings(integrator="direct"))
     image = render_tile(black, image_tile(black, 1, round_), watched)
     assert watched.rays == 0 and not image.mean.any()
-
-
-def test_surfaces_that_are_black_are_not_seen() -> None:
-    """They only occlude: pixels that see nothing else are left out."""
-    scene = ball_scene()
-    assert not replace(scene, parts=(Part(scene.parts[0].mesh, matte(0)),)).covered_pixels.any()  # type: ignore[union-attr]
 
 
 # Which integrator ---------------------------------------------------------------------------------------------------

@@ -89,26 +89,20 @@ def test_ordinary_scenes_are_not_touched(box: Scene) -> None:
     for scene in (box, zoo(), zoo(1e-3, 0.05, 1e3)):
         same, gain = scene.in_float32
         assert same is scene and gain == 1
-
-
-def test_parts_keep_their_lights() -> None:
-    """A visible light stays the light of its part, and one light."""
+    # a visible light stays the light of its part, and one light
     scene, gain = zoo(gain=2.0**70).in_float32
     assert gain == 2.0**73 and scene.parts[1].light is scene.lights[1]
     np.testing.assert_array_equal(scene.lights[1].radiance, np.array((5.0, 4.0, 3.0)) / 8)
+    # it shines twice, in the units of the scene as in others
+    sky = dmis.EnvironmentLight(np.full((2, 2, 3), 1e30, np.float32))
+    one, two = (dmis.render(box_scene(lights=(sky,) * n, resolution=(2, 2)), "balance", 64).image for n in (1, 2))
+    assert two.astype(float).mean() == pytest.approx(2 * one.astype(float).mean(), rel=0.05)
 
 
 def test_scene_too_far_from_the_origin() -> None:
     """What even float64 cannot hold is refused."""
     with pytest.raises(ValueError, match="further from the origin than 1e9 times its size"):
         dmis.render(zoo(offset=1e12), "balance", 2)
-
-
-def test_duplicate_light() -> None:
-    """It shines twice, in the units of the scene as in others."""
-    sky = dmis.EnvironmentLight(np.full((2, 2, 3), 1e30, np.float32))
-    one, two = (dmis.render(box_scene(lights=(sky,) * n, resolution=(2, 2)), "balance", 64).image for n in (1, 2))
-    assert two.astype(float).mean() == pytest.approx(2 * one.astype(float).mean(), rel=0.05)
 
 
 def test_radiance_beyond_float32() -> None:

@@ -53,10 +53,7 @@ def test_take_of_take_is_take() -> None:
     assert part.reflection[1].reflectance == np.float32(0.5)
     assert part.ng is part.n, "flat surfaces keep one array for both normals"
     assert whole.take(None) is whole
-
-
-def test_empty_subset() -> None:
-    """A subset of no points can be sampled and evaluated."""
+    # a subset of no points can be sampled and evaluated
     part = random_surface(10).take(np.empty(0, np.intp))
     wi = part.sample(np.empty((2, 0), np.float32))
     assert wi.shape == (3, 0) and part.pdf(Directions(part, wi)).shape == (0,)
@@ -73,12 +70,19 @@ def test_tangents_are_orthonormal_with_s_along_dpdu() -> None:
     assert (dot(s, points.dpdu) >= 0).all()
 
 
-def test_each_lobe_gets_its_share_of_u0() -> None:
+def test_each_lobe_gets_its_share_of_u0(monkeypatch: pytest.MonkeyPatch) -> None:
     """``u0`` picks the lobe by its first digit in base k and is stretched back to [0, 1): Lambert in both halves."""
     points, u = surface(Material((Lambert(0.1), Lambert(0.2))), polar(30), 1000), uniforms(1000)
     one = surface(Material((Lambert(0.1),)), polar(30), 1000)
     stretched = np.stack([(u[0] * 2) % 1, u[1]])
     np.testing.assert_allclose(points.sample(u), one.sample(stretched), atol=1e-6)
+    # where one lobe picks directions, parameters of the others are left where they are
+    points = random_surface(40)
+    kd, gathered = points.reflection[0].reflectance, []
+    gather = surfaces._gather
+    monkeypatch.setattr(surfaces, "_gather", lambda value, index: gathered.append(value) or gather(value, index))
+    points.sample(uniforms(40))
+    assert sum(value is kd for value in gathered) == 1
 
 
 # From hits ----------------------------------------------------------------------------------------------------------
@@ -108,6 +112,11 @@ def test_flat_surface_from_both_sides() -> None:
     np.testing.assert_allclose(points.p[2], [scene.epsilon, -scene.epsilon], rtol=1e-5)
     np.testing.assert_allclose(points.cos_o, dot(points.n, points.wo), atol=1e-6)
     np.testing.assert_allclose(points.p[:2], [[0.4, 0.4], [0.2, 0.2]], atol=1e-6)
+    # a light's surface shines along its winding's normal only
+    light = QuadLight((-1, -1, 1), (2, 0, 0), (0, 2, 0), (1, 2, 3))
+    scene = looking_down(Part(quad((-1, -1, 1), (2, 0, 0), (0, 2, 0)), matte(0.2), light), lights=(light,))
+    _, emission = shoot(scene, [[0.1, 0.2, 2], [0.1, 0.2, 0]], [[0, 0, -1], [0, 0, 1]])
+    np.testing.assert_array_equal(emission, [[1, 0], [2, 0], [3, 0]])
 
 
 def test_smooth_normals_are_unit_and_face_the_viewer() -> None:
@@ -122,15 +131,7 @@ def test_smooth_normals_are_unit_and_face_the_viewer() -> None:
     assert (points.cos_o > 0).all() and (dot(points.ng, points.wo) > 0).all()
 
 
-def test_emission_is_one_sided() -> None:
-    """A light's surface shines along its winding's normal only."""
-    light = QuadLight((-1, -1, 1), (2, 0, 0), (0, 2, 0), (1, 2, 3))
-    scene = looking_down(Part(quad((-1, -1, 1), (2, 0, 0), (0, 2, 0)), matte(0.2), light), lights=(light,))
-    _, emission = shoot(scene, [[0.1, 0.2, 2], [0.1, 0.2, 0]], [[0, 0, -1], [0, 0, 1]])
-    np.testing.assert_array_equal(emission, [[1, 0], [2, 0], [3, 0]])
-
-
-def test_texture_coordinates_interpolate() -> None:
+def test_texture_coordinates() -> None:
     """A mesh's uv reach the texture: a ramp in u over a quad is the ramp."""
     ramp = Image(np.linspace(0, 1, 64, dtype=np.float32)[None, :, None], wrap="clamp")
     scene = looking_down(Part(quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), matte(ramp)))
@@ -138,10 +139,7 @@ def test_texture_coordinates_interpolate() -> None:
     points, _ = shoot(scene, [[a, 0.3, 1] for a in x], [[0, 0, -1]] * 9)
     # texel centres are half a texel inside: value = (64 x - .5) / 63
     np.testing.assert_allclose(points.reflection[0].reflectance[0], (64 * x - 0.5) / 63, atol=1e-5)
-
-
-def test_default_texture_coordinates() -> None:
-    """A triangle without uv has (0,0), (1,0), (1,1) at its corners, as in pbrt; dp/du is then its first edge."""
+    # a triangle without uv has (0,0), (1,0), (1,1) at its corners, as in pbrt; dp/du is then its first edge
     mesh = Mesh(np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0]]), np.array([[0, 1, 2]]))
     ramp = Image(np.linspace(0, 1, 64, dtype=np.float32)[None, :, None], wrap="clamp")
     with pytest.warns(SceneWarning, match="no texture coordinates"):
@@ -149,10 +147,7 @@ def test_default_texture_coordinates() -> None:
     points, _ = shoot(scene, [[1.0, 0.25, 1]], [[0, 0, -1]])
     np.testing.assert_allclose(points.reflection[0].diffuse[0], (64 * 0.5 - 0.5) / 63, atol=1e-5)
     np.testing.assert_allclose(points.dpdu[:, 0], [2, 0, 0], atol=1e-6)
-
-
-def test_dpdu_follows_uv() -> None:
-    """dp/du is the direction in which u grows, whatever the edges are."""
+    # dp/du is the direction in which u grows, whatever the edges are
     mesh = Mesh(
         np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), uv=np.array([[0.0, 0], [0, 1], [1, 0]])
     )
@@ -194,13 +189,3 @@ def test_metals_share_a_group(kind: type[Conductor]) -> None:
                 found, expected = (points.delta[0].scatter(points)[1] for points in (mixed, alone))
             assert expected.any()
             np.testing.assert_allclose(*np.broadcast_arrays(found, expected), rtol=1e-6)
-
-
-def test_sampling_gathers_one_lobe_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where one lobe picks directions, parameters of the others are left where they are."""
-    points = random_surface(40)
-    kd, gathered = points.reflection[0].reflectance, []
-    gather = surfaces._gather
-    monkeypatch.setattr(surfaces, "_gather", lambda value, index: gathered.append(value) or gather(value, index))
-    points.sample(uniforms(40))
-    assert sum(value is kd for value in gathered) == 1

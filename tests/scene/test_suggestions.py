@@ -88,13 +88,6 @@ def test_rounding(read, options: str, sampler: str | None, spp: int | None, samp
     )
 
 
-def test_later_dialects(read) -> None:
-    """pbrt-v3 has `samples` besides, and rounds with 02sequence."""
-    lamp = 'LightSource "infinite" "integer samples" 5'
-    scene = read('Sampler "02sequence" "integer pixelsamples" 100\nIntegrator "directlighting"', lamp, "v3")
-    assert scene.suggested == dmis.Suggestions("direct", 5, "lowdiscrepancy", 128, "all", (8,))
-
-
 def test_one_light_and_paths(read) -> None:
     """Strategy one, and paths, which sample one light once whatever `nsamples` says."""
     one = read('SurfaceIntegrator "directlighting" "string strategy" "one"', LAMPS)
@@ -104,19 +97,20 @@ def test_one_light_and_paths(read) -> None:
         assert (settings.lights, settings.shading_samples) == ("one", 2)
     assert dmis.Settings.as_in_file(path, integrator="direct").shading_samples == 16
     assert dmis.Settings.as_in_file(path, sampler="sobol", shading_samples=3).shading_samples == 3
+    # pbrt-v3 has `samples` besides, and rounds with 02sequence
+    lamp = 'LightSource "infinite" "integer samples" 5'
+    scene = read('Sampler "02sequence" "integer pixelsamples" 100\nIntegrator "directlighting"', lamp, "v3")
+    assert scene.suggested == dmis.Suggestions("direct", 5, "lowdiscrepancy", 128, "all", (8,))
 
 
-def test_what_is_not_there(read) -> None:
+def test_what_is_not_there(read, tmp_path: Path) -> None:
     """A sampler that dmis does not have is named by `describe` and in a warning; so are too many samples."""
     scene = read(f'{V2}Sampler "bestcandidate"', 'LightSource "infinite" "integer nsamples" 64')
     assert "not available: sampler bestcandidate" in scene.describe()
     with pytest.warns(SceneWarning, match=r"does not have: sampler bestcandidate, 128 shading samples \(at most 100\)"):
         settings = dmis.Settings.as_in_file(scene)
     assert (settings.sampler, settings.shading_samples) == ("auto", 100)
-
-
-def test_wrong_types_are_not_used(read, tmp_path: Path) -> None:
-    """A number of samples of another type is no error, because it changes no image, but it is named."""
+    # a number of samples of another type is no error, because it changes no image, but it is named
     with pytest.raises(PbrtWarning, match=r"'pixelsamples' of Sampler .* 'nsamples' of LightSource"):
         read(f'{V2}Sampler "random" "float pixelsamples" 9', 'LightSource "infinite" "integer nsamples" [-3]')
 

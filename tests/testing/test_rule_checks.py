@@ -105,10 +105,7 @@ def test_a_rule_learns_whatever_its_least_budget() -> None:
     """With 32 samples it would be rendered with equal shares."""
     outcomes = check_rule(rule(lambda brdf, light: 1.5 + 0 * brdf, least_spp=100))
     assert_found(outcomes, REFUSED, "a rule's weight must be in")
-
-
-def test_a_reused_pilot_is_named() -> None:
-    """It is right, but noisy."""
+    # it is right, but noisy
     outcomes = check_rule(rule(quieter, settings={"reuse_pilot": True, "sampler": "independent"}))
     require(outcomes)
     assert "; the pilot is 12% of the image's samples and makes" in outcomes[-1].message

@@ -122,6 +122,11 @@ def test_blocks_without_records_count() -> None:
     curves.add([], np.zeros((3, 100), np.float32), 2)
     for name in ("curve", "pattern", "position"):
         np.testing.assert_allclose(curves.sums()[name], before[name] / 2)
+    # gathered values are means over pairs
+    gather = dmis.Gather(lambda x, d: x.mean(axis=0), 3, 4)
+    value, pdf = np.full((3, 6), 0.7, np.float32), np.ones((2, 6), np.float32)
+    gather.add([Record(k, (0,), i, None, value, pdf) for k in (0, 1) for i in (0, 1)], value, 2)
+    np.testing.assert_allclose(gather.sums()["values"], [0.7, 0.7, 0.7], rtol=1e-6)
 
 
 @pytest.mark.parametrize("w, combiner", [(0.08, "balance"), (0.27, "power")])
@@ -145,13 +150,6 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
     )
     measured = images.var(axis=0, ddof=1).mean() * 64
     assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both
-
-
-def test_gathered_values_are_means_over_pairs() -> None:
-    gather = dmis.Gather(lambda x, d: x.mean(axis=0), 3, 4)
-    value, pdf = np.full((3, 6), 0.7, np.float32), np.ones((2, 6), np.float32)
-    gather.add([Record(k, (0,), i, None, value, pdf) for k in (0, 1) for i in (0, 1)], value, 2)
-    np.testing.assert_allclose(gather.sums()["values"], [0.7, 0.7, 0.7], rtol=1e-6)
 
 
 # Curves of patterns ---------------------------------------------------------------------------------------------------
