@@ -191,7 +191,13 @@ def test_techniques_of_a_round_without_brdf_compensate_no_sky(box: dmis.Scene) -
     assert (without.settings.sky_compensation, with_brdf.settings.sky_compensation) == (0, 0.5)
 
 
-def test_techniques_that_cannot_be_sent(box: dmis.Scene) -> None:
+def test_pickled_techniques(box: dmis.Scene) -> None:
+    """A shipped technique is pickled as its name, another one with what its functions hold."""
+    assert pickle.loads(pickle.dumps(TECHNIQUES["light"])) is TECHNIQUES["light"]
+    own = dmis.Technique("own", "own", partial(np.add, np.arange(3)), np.multiply)
+    sample = pickle.loads(pickle.dumps(own)).sample
+    np.testing.assert_array_equal(sample.args[0], np.arange(3))
+    # techniques that cannot be sent
     local = dmis.Technique("own", "own", lambda *_: None, lambda *_: None)  # type: ignore[arg-type,return-value]
 
     class Local(dmis.Rule):
@@ -200,14 +206,6 @@ def test_techniques_that_cannot_be_sent(box: dmis.Scene) -> None:
 
     with pytest.raises(ValueError, match=r"must be picklable: .* at the top level of a module"):
         dmis.render(box, Local(), 4, parallel=dmis.Processes(1))
-
-
-def test_pickled_techniques() -> None:
-    """A shipped technique is pickled as its name, another one with what its functions hold."""
-    assert pickle.loads(pickle.dumps(TECHNIQUES["light"])) is TECHNIQUES["light"]
-    own = dmis.Technique("own", "own", partial(np.add, np.arange(3)), np.multiply)
-    sample = pickle.loads(pickle.dumps(own)).sample
-    np.testing.assert_array_equal(sample.args[0], np.arange(3))
 
 
 def test_sampler() -> None:

@@ -57,12 +57,12 @@ def test_palettes_and_jpg(tmp_path):
     np.testing.assert_allclose(image[4, 4], linear(np.array([200, 100, 50])), atol=0.02)
     palette = load(tmp_path, "p.png", pillow("PNG", PIXELS[..., 0].copy(), "P"))
     np.testing.assert_allclose(palette, linear(PIXELS[..., :1]).repeat(3, 2), atol=2e-5)
-    # jpg with many scans
+    # JPG files with many scans
     data = pillow("JPEG", PIXELS[..., :3].copy(), progressive=True)
     last = data[data.rindex(b"\xff\xda") : -2]
     with pytest.raises(ValueError, match=r"a\.jpg as JPG: it must have at most 100 scans; it has 1"):
         load(tmp_path, "a.jpg", data[:-2] + 100 * last + data[-2:])
-    # cut jpg is refused
+    # JPG files that are cut off
     data = pillow("JPEG", PIXELS[..., :3].repeat(9, 0).repeat(9, 1))
     with pytest.raises(ValueError, match=r"cannot read .* as JPG"):
         load(tmp_path, "a.jpg", data[: len(data) // 2])
@@ -81,7 +81,7 @@ def test_sixteen_bits(tmp_path):
     wide = np.arange(35, dtype=np.uint16).reshape(5, 7) * 1800
     image = load(tmp_path, "a.png", pillow("PNG", wide), linear=True)
     np.testing.assert_allclose(image[..., 0], wide / 65535, atol=1e-7)
-    # Colours are not multiplied by it, and it is not decoded
+    # alpha is kept where it is asked for: colours are not multiplied by it, and it is not decoded
     image = load(tmp_path, "a.png", pillow("PNG"), alpha=True)
     np.testing.assert_allclose(image[..., 3], PIXELS[..., 3] / 255, atol=1e-7)
     np.testing.assert_allclose(image[..., :3], linear(PIXELS[..., :3]), atol=2e-5)

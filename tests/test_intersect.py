@@ -53,7 +53,7 @@ def test_occluded_agrees_with_brute_force(seed: int) -> None:
     assert 0.1 < a.mean() < 0.9 and (a != b).sum() <= 2
 
 
-def test_occluded_is_closest_within_the_distance() -> None:
+def test_distances() -> None:
     """Occluded just beyond the closest hit, free just before it."""
     mesh, (origin, direction) = soup(), rays()
     caster = Intersector(*mesh)
@@ -62,10 +62,7 @@ def test_occluded_is_closest_within_the_distance() -> None:
     o, d, t = origin[:, hit].copy(), direction[:, hit].copy(), hits.distance[hit]
     assert caster.occluded(o, d, t * np.float32(1.0001) + np.float32(1e-6)).all()
     assert not caster.occluded(o, d, t * np.float32(0.9999) - np.float32(1e-6)).any()
-
-
-def test_distance_is_in_units_of_the_direction() -> None:
-    """A direction of length 2 halves the distance, for both casters."""
+    # a direction of length 2 halves the distance, for both casters
     origin, direction = np.array([[0.2], [0.2], [4]], np.float32), np.array([[0], [0], [-2]], np.float32)
     for caster in (Intersector(*TRIANGLE), BruteForce(*TRIANGLE)):
         hits = caster.closest(origin, direction)
@@ -73,6 +70,13 @@ def test_distance_is_in_units_of_the_direction() -> None:
         assert hits.u[0] == pytest.approx(0.2) and hits.v[0] == pytest.approx(0.2)
         assert caster.occluded(origin, direction, np.float32([2.01]))[0]
         assert not caster.occluded(origin, direction, np.float32([1.99]))[0]
+    # a distance that rounding has made 0 or less has nothing in it, in Embree as by brute force
+    corners, faces = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]])
+    origin, down = (np.repeat(np.array([[0], [0], [z]], np.float32), 5, axis=1) for z in (1.0, -1.0))
+    distance = np.array([-5, -0.5, 0, 0.5, 5], np.float32)
+    for caster in (Intersector(corners, faces), BruteForce(corners, faces)):
+        np.testing.assert_array_equal(caster.occluded(origin, down, distance), distance > 1)
+    assert distance.tolist() == [-5, -0.5, 0, 0.5, 5]  # nothing was written into it, although Embree writes distances
 
 
 @pytest.mark.parametrize("count", [0, 1, 7])
@@ -105,13 +109,3 @@ def test_check_finds_nan(which: str) -> None:
     arrays[which][..., 2] = np.nan
     with pytest.raises(ValueError, match="must not"):
         Intersector(*TRIANGLE).occluded(**arrays)
-
-
-def test_nothing_is_nearer_than_0() -> None:
-    """A distance that rounding has made 0 or less has nothing in it, in Embree as by brute force."""
-    corners, faces = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]])
-    origin, down = (np.repeat(np.array([[0], [0], [z]], np.float32), 5, axis=1) for z in (1.0, -1.0))
-    distance = np.array([-5, -0.5, 0, 0.5, 5], np.float32)
-    for caster in (Intersector(corners, faces), BruteForce(corners, faces)):
-        np.testing.assert_array_equal(caster.occluded(origin, down, distance), distance > 1)
-    assert distance.tolist() == [-5, -0.5, 0, 0.5, 5]  # nothing was written into it, although Embree writes distances

@@ -49,13 +49,17 @@ def scene(one):
     return dmis.Scene(camera, tuple(parts), (lamp,))
 
 
-def test_one_file_reads_without_dmis() -> None:
+def test_one_file_reads_without_dmis(one, tmp_path, capsys) -> None:
     text = FILE.read_text("utf-8")
     tree = ast.walk(ast.parse(text))
     imports = {alias.name for node in tree if isinstance(node, ast.Import) for alias in node.names}
     assert imports == {"numpy", "matplotlib.pyplot"} and "\nfrom " not in text
     assert text.count("\n") <= 200
     assert all(f"Eq. {number}" in text or f"Eqs. {number}" in text for number in ("1.1", "1.2", "3.1", "3.2", "3.5"))
+    # a small comparison prints three ratios and saves a picture
+    one.draw(*one.compare((48, 64), 12), tmp_path / "picture.png")
+    assert capsys.readouterr().out.count("standard error") == 3
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("w", [0.1, 0.5, 0.9])
@@ -84,10 +88,3 @@ def test_one_file_has_the_weights_of_the_rule(one) -> None:
     np.testing.assert_allclose(y, fit.maps["variances"], rtol=1e-9)
     np.testing.assert_allclose(raw, fit.maps["raw"], atol=1e-6)
     np.testing.assert_allclose(filtered, fit.maps["filtered"], atol=1e-6)
-
-
-def test_one_file_draws(one, tmp_path, capsys) -> None:
-    """A small comparison prints three ratios and saves a picture."""
-    one.draw(*one.compare((48, 64), 12), tmp_path / "picture.png")
-    assert capsys.readouterr().out.count("standard error") == 3
-    assert (tmp_path / "picture.png").stat().st_size > 10_000

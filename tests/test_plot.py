@@ -12,7 +12,7 @@ from PIL import Image
 from dmis import plot
 
 
-def test_coordinates_are_pixels():
+def test_coordinates_are_pixels(tmp_path):
     """A window keeps the pixel numbers of the whole image."""
     figure, axes = plot.canvas(1, 2, 6, 3)
     plot.picture(axes[0, 0], np.zeros((20, 30, 3)), "whole")
@@ -20,10 +20,7 @@ def test_coordinates_are_pixels():
     assert axes[0, 0].get_xlim() == (0, 30) and axes[0, 0].get_ylim() == (20, 0)
     assert axes[0, 1].get_xlim() == (10, 25) and axes[0, 1].get_ylim() == (10, 5)
     assert axes[0, 1].get_title() == "part" and not len(axes[0, 1].get_xticks())
-
-
-def test_weights_are_red_for_brdf_and_blue_for_light(tmp_path):
-    """As in the thesis; and 1/2 is nearly white."""
+    # As in the thesis; and 1/2 is nearly white
     figure, axes = plot.canvas(1, 1, 4, 3)
     mappable = plot.weights(axes[0, 0], np.array([[0.0, 0.5, 1.0]]))
     brdf, half, light = mappable.cmap(mappable.norm(np.array([0.0, 0.5, 1.0])))[:, :3]
@@ -68,7 +65,7 @@ def draw():
     plot.save(figure, {str(tmp_path / "a.png")!r}, "title", "caption")
     convergence(comparison, {str(tmp_path / "b.png")!r})
     assert "<svg" in error_svg(comparison, "seconds")
-    map_png(np.eye(3), "magma", 0, 1)
+    map_png(np.eye(3), "magma")
 """
     fresh_python(f"""{draw}
 draw()

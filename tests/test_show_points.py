@@ -35,10 +35,7 @@ def test_losses_are_the_rules_with_an_interval_above_1() -> None:
                 if max(ratio.low for ratio in ratios) > 1:
                     expected.add(f"`{rule}`, {scene.split()[0]}, {error}")
     assert expected == {name for name, *_ in cells(show_points.losses())} != set()
-
-
-def test_results_have_a_row_for_each_scene() -> None:
-    """Scenes of files have no runs beside other renderers; the worst seed is the largest error."""
+    # Scenes of files have no runs beside other renderers; the worst seed is the largest error
     rows = {row[0]: row for row in cells(show_points.results())}
     field = [row for name, row in rows.items() if name.endswith(" samples")]
     assert len(rows) == len(show_points.measured()) + len(field) and all(row[3:6] == ["–"] * 3 for row in field)

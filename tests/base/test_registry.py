@@ -101,17 +101,14 @@ def test_values_that_cannot_be_called_are_refused(kind: str) -> None:
     assert registry.keys() == registry.shipped
 
 
-def test_unknown_names() -> None:
+def test_names_and_values() -> None:
     """What there is, and what is like it."""
     registry = Registry("lamp", {"sphere": 1, "quad": 2})
     assert str(registry.unknown("sphare")) == "lamp must be one of sphere, quad; got 'sphare', did you mean 'sphere'?"
     assert str(registry.unknown("x", " or a file", ". Make it")) == (
         "lamp must be one of sphere, quad or a file; got 'x'. Make it"
     )
-
-
-def test_values_that_are_imported_when_they_are_used() -> None:
-    """Alone, or with arguments; names are known without an import."""
+    # Alone, or with arguments; names are known without an import
     registry: Registry[Any] = Registry("number", {"root": Later("math", "sqrt"), "power": Later("math", "pow", (2,))})
     assert list(registry) == ["root", "power"] and isinstance(registry.data["root"], Later)
     assert registry["root"](4) == 2 and registry["power"](3) == 8 and registry.data["root"] is registry["root"]

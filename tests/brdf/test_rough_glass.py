@@ -56,6 +56,11 @@ def test_light_from_both_sides_adds_up() -> None:
     apart = means(make[0], range(30), 16) + means(make[1], range(100, 130), 16)
     assert abs(z_score(means(both, range(200, 230), 16), apart)) < Z_LIMIT
     assert abs(z_score(means(both, range(300, 330), 16, lights="one"), apart)) < Z_LIMIT
+    # the plan says what light comes through; other scenes have no such lobes
+    assert not any(group.transmission for group in box_scene(glass()).plan.groups)
+    scene = box_scene(dmis.rough_glass(alpha=0.3), (BELOW,), (Part(FLOOR, dmis.ggx(alpha=0.2)),))
+    assert [len(group.transmission) for group in scene.plan.groups] == [1, 0]
+    assert "RoughReflection + RoughTransmission" in scene.describe()
 
 
 @pytest.mark.parametrize("roughness, least", [(0.02, 0.995), (0.3, 0.85)])
@@ -78,11 +83,3 @@ def test_smooth_glass_in_an_even_sky_has_no_noise() -> None:
     rendered = render_tile(scene, image_tile(scene, 0, round_))
     np.testing.assert_allclose(rendered.mean, 1, atol=2e-4)
     np.testing.assert_allclose(rendered.root**2 / 63, 0, atol=1e-6)
-
-
-def test_only_rough_glass_looks_beyond_its_surface() -> None:
-    """The plan says what light comes through; other scenes have no such lobes."""
-    assert not any(group.transmission for group in box_scene(glass()).plan.groups)
-    scene = box_scene(dmis.rough_glass(alpha=0.3), (BELOW,), (Part(FLOOR, dmis.ggx(alpha=0.2)),))
-    assert [len(group.transmission) for group in scene.plan.groups] == [1, 0]
-    assert "RoughReflection + RoughTransmission" in scene.describe()

@@ -123,8 +123,6 @@ def test_pickles_leave_out_what_can_be_made_again() -> None:
     pickled = pickle.dumps(image)
     assert len(pickled) < image.texels.nbytes + 1000
     np.testing.assert_array_equal(pickle.loads(pickled)(uv), values)
-
-
-def test_images_of_several_materials() -> None:
+    # images of several materials
     values = Image(np.full((1, 1, 1), 0.2)), (1.0, 2.0, 3.0)
     np.testing.assert_allclose(Images(values)(np.array([1, 0]), np.zeros((2, 2))).T, [(1, 2, 3), [0.2] * 3], rtol=1e-6)

@@ -74,10 +74,7 @@ def test_errors_of_tests_are_right():
     )
     assert z.shape == (60, 5)
     assert np.all((z.std(axis=0) > 0.75) & (z.std(axis=0) < 1.3)) and np.all(np.abs(z.mean(axis=0)) < 0.55)
-
-
-def test_skewness_is_corrected():
-    """Sums over 100 camera samples are skewed, by 0.46 in the test of ratios; their z are not (error 0.12)."""
+    # Sums over 100 camera samples are skewed, by 0.46 in the test of ratios; their z are not (error 0.12)
     results = [means.tests(read_table(synthetic(100, k)))[1] for k in range(400)]
     assert {(test.name, test.where) for test in results} == {("ratios", "all rows")}
     assert scipy.stats.skew([test.difference / test.error for test in results]) > 0.25
@@ -132,26 +129,20 @@ def test_smallest_error_is_named():
     assert factors[0] == pytest.approx(1 + 2 * least, rel=least) and causes[0].z == pytest.approx(10, rel=0.4)
 
 
-def test_measures_are_compared_in_all_units():
+def test_estimates_and_measures():
     """Four of five far light samples and near BRDF samples are lost, which only the measure cos/d^2 shows."""
     table = synthetic(4000)
     table["distance"] *= 1e4
     lost = ((table["distance"] > 1.5e4) == (table["technique"] == 0)) & (np.random.default_rng(9).random(8000) < 0.8)
     wrong = some(table, ~lost)
     assert joint_test(read_table(table)) > 1e-3 and joint_test(read_table(wrong)) < 1e-9
-
-
-def test_functions_of_estimates():
-    """The fourth function is e / (e + c) of the estimate e = f / (a_l + a_b), c the geometric mean of e."""
+    # the fourth function is e / (e + c) of the estimate e = f / (a_l + a_b), c the geometric mean of e
     rows = gather(read_table(synthetic(4000)), FITTED, 0)
     terms = rows.terms()
     lit = np.isfinite(rows.logs["f"])
     e = np.exp(rows.logs["f"] - np.logaddexp(rows.logs["p_l"], rows.logs["p_b"]))[lit]
     assert (terms[3] / terms[0])[lit] == pytest.approx(e / (e + np.exp(np.log(e).mean())))
-
-
-def test_rows_of_a_camera_sample_are_summed():
-    """With one to four rows each, the joint test has the standard errors of the tests of means."""
+    # with one to four rows each, the joint test has the standard errors of the tests of means
     table = synthetic(4000)
     double = some(table, np.repeat(np.arange(8000), 1 + table["camera_sample"] % 2))
     rows = read_table(double | {"light_samples": 2, "brdf_samples": 2})

@@ -147,15 +147,7 @@ def test_mirror_shows_the_emitter(integrator: str, kind: str) -> None:
     assert not tile_of(beside, spp=4, integrator=integrator)[0].any()
 
 
-def test_max_depth_one_stops_at_the_mirror() -> None:
-    """With one surface allowed the mirror is black; with two it shows what it faces, not what that reflects."""
-    lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))
-    scene = box_scene(mirror(), (lamp,), (lamp_part(lamp),), eye=(0, -2, 2), fov=1.0)
-    assert not tile_of(scene, max_depth=1)[0].any()
-    assert tile_of(scene, max_depth=2)[0].all()
-
-
-def test_glass_pane_conserves_what_passes() -> None:
+def test_depth_of_mirrors_and_glass() -> None:
     """A pane of two surfaces before a constant sky: 1 + 2 + ... reflections up to the depth, at most the sky itself."""
     sky = EnvironmentLight(np.ones((1, 1, 3)))
     x, y = (80, 0, 0), (0, 80, 0)
@@ -165,6 +157,11 @@ def test_glass_pane_conserves_what_passes() -> None:
     assert image.max() <= 1 + 1e-5
     # F = 5 % at 34 degrees: what is still inside after 8 surfaces is less than F^3
     assert image.min() > 0.999
+    # with one surface allowed the mirror is black; with two it shows what it faces, not what that reflects
+    lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))
+    scene = box_scene(mirror(), (lamp,), (lamp_part(lamp),), eye=(0, -2, 2), fov=1.0)
+    assert not tile_of(scene, max_depth=1)[0].any()
+    assert tile_of(scene, max_depth=2)[0].all()
 
 
 @pytest.mark.parametrize(

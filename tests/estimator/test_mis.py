@@ -68,7 +68,7 @@ def test_weights_of_several_techniques_sum_to_one(name: str, techniques: int) ->
     np.testing.assert_allclose([a[k] * heuristic(tuple(a), k) for k in range(techniques - 1)], fewer, rtol=1e-6)
 
 
-def test_closed_forms() -> None:
+def test_closed_forms_and_limits() -> None:
     """Densities 3 and 1: 3/4, 9/10, all, and whoever is above the threshold."""
     a, b = np.float32([3]), np.float32([1])
     powers = ("balance", 0.75), ("power", 0.9), ("power-3", 27 / 28), ("power-0.5", 3**0.5 / (3**0.5 + 1))
@@ -76,10 +76,7 @@ def test_closed_forms() -> None:
         first, second = weights(name, a, b)
         np.testing.assert_allclose([first[0], second[0]], [expected, 1 - expected], atol=1e-6)
     np.testing.assert_allclose(weights("cutoff-0.2", a, b)[0], 0.75)
-
-
-def test_limits() -> None:
-    """Power 1 and cutoff 0 are balance; cutoff 1 is maximum but for ties, which it shares; large powers are maximum."""
+    # Power 1 and cutoff 0 are balance; cutoff 1 is maximum but for ties, which it shares; large powers are maximum
     a, b = np.random.default_rng(2).random((2, 100), dtype=np.float32)
     np.testing.assert_allclose(power(1)((a, b), 0), balance((a, b), 0), rtol=1e-6)
     np.testing.assert_allclose(cutoff(0)((a, b), 0), balance((a, b), 0), rtol=1e-6)

@@ -71,17 +71,6 @@ def test_a_pilot_that_makes_most_of_the_variance_is_named(tmp_path):
     assert re.fullmatch(text + r"by reuse_pilot=False, or by an image_weight of 0 in its round\.", lines[0])
 
 
-def test_noise_of_a_reference():
-    """Its own error of 0.01 is 5 % of 0.2; one image given as both halves has none that is known."""
-    first, second = np.full((4, 4, 3), 1.0), np.full((4, 4, 3), 1.2)
-    for errors, noisy in (([0.9, 0.21], False), ([0.9, 0.19], True), ([-1e-9], True), ([], False)):
-        assert bool(alarm.reference_noise(dmis.Reference(first, second, 8), errors)) == noisy
-    assert alarm.reference_noise(dmis.Reference(first, first, 0), [0.2]) == ""
-    runs = {("balance", 32): [replace(run(0), mse=0.19)]}
-    lines = Comparison({}, runs, {}, dmis.Reference(first, second, 8)).alarms()
-    assert lines[0].startswith("The reference is too noisy for this table") and lines[1:] == [""]
-
-
 def test_one_line_names_the_worst():
     """How many of how many; empty without an alarm, and where z is not known."""
     line = alarm.summary([run(1), run(-7, "pbrt", 3), run(6.5), run(np.nan)])
@@ -100,6 +89,14 @@ def test_z_by_hand():
     corner = slice(0, 3), slice(0, 3)
     assert alarm.mean_z((first + 0.2 + d)[corner], reference.cropped(corner), 16) == pytest.approx(-1.5)
     assert alarm.mean_z(first + np.abs(d), dmis.Reference(first, first, 64), 16) == pytest.approx(6)
+    # its own error of 0.01 is 5 % of 0.2; one image given as both halves has none that is known
+    first, second = np.full((4, 4, 3), 1.0), np.full((4, 4, 3), 1.2)
+    for errors, noisy in (([0.9, 0.21], False), ([0.9, 0.19], True), ([-1e-9], True), ([], False)):
+        assert bool(alarm.reference_noise(dmis.Reference(first, second, 8), errors)) == noisy
+    assert alarm.reference_noise(dmis.Reference(first, first, 0), [0.2]) == ""
+    runs = {("balance", 32): [replace(run(0), mse=0.19)]}
+    lines = Comparison({}, runs, {}, dmis.Reference(first, second, 8)).alarms()
+    assert lines[0].startswith("The reference is too noisy for this table") and lines[1:] == [""]
 
 
 def test_z_is_normal():

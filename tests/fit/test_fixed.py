@@ -33,7 +33,7 @@ def test_images_of_several_techniques_are_unbiased(rule: Any, settings: dict[str
     assert abs(images_z_score(lamp_images(rule, **settings, **path), lamp_images("balance", 500, **path))) < Z_LIMIT
 
 
-def test_texts(box: dmis.Scene) -> None:
+def test_texts_and_maps(box: dmis.Scene) -> None:
     """Of two techniques the rule is that of one weight; commas between rules, and within one."""
     assert make_rule(f"{MIX},combiner=power") == Fixed((0.3, 0.45, 0.25), "power", THREE)
     assert make_rule("fixed:light=0.25,brdf=0.75") == Fixed(0.25, techniques=("light", "brdf"))
@@ -42,6 +42,12 @@ def test_texts(box: dmis.Scene) -> None:
     # three techniques where two are needed
     with pytest.raises(ValueError, match="combiner optimal needs two techniques; got 3: light, brdf, uniform"):
         dmis.Settings(techniques=THREE, combiner="optimal")
+    # what happens to the caller's array does not reach the rule, and the rule's cannot be written to
+    weight = np.full((2, 3), 0.5)
+    rule = dmis.Given(weight=weight)
+    weight[:] = 2
+    assert np.max(rule.weight) == 0.5 and not rule.weight.flags.writeable
+    assert repr(rule) == "Given(weight=<2 x 3, 0.5 to 0.5>, samples=None)"
 
 
 @pytest.mark.parametrize(
@@ -87,12 +93,3 @@ def test_uneven_maps_keep_the_mean(box: dmis.Scene) -> None:
     samples = results[0].samples
     assert samples.mean() == pytest.approx(16, rel=1e-3)
     assert samples[:, WIDTH // 2 :].mean() == pytest.approx(3 * samples[:, : WIDTH // 2].mean(), rel=1e-2)
-
-
-def test_maps_are_copies() -> None:
-    """What happens to the caller's array does not reach the rule, and the rule's cannot be written to."""
-    weight = np.full((2, 3), 0.5)
-    rule = dmis.Given(weight=weight)
-    weight[:] = 2
-    assert np.max(rule.weight) == 0.5 and not rule.weight.flags.writeable
-    assert repr(rule) == "Given(weight=<2 x 3, 0.5 to 0.5>, samples=None)"

@@ -67,10 +67,7 @@ def test_only_fit_must_be_given(box: dmis.Scene) -> None:
     np.testing.assert_array_equal(dmis.render(box, rule, 8, seed=1).image, fixed.image)
     rule.pilot = {0.5: 2}  # type: ignore[misc]
     assert dmis.render(box, rule, 8, seed=1).provenance["pilot_rays"]
-
-
-def test_rounds_of_a_budget() -> None:
-    """6 pilot samples of three techniques are 2 with 6 shading samples each; decisions depend on seed and round."""
+    # 6 pilot samples of three techniques are 2 with 6 shading samples each; decisions depend on seed and round
     settings = dmis.Settings(techniques=("light", "brdf", "uniform"), reuse_pilot=True)
     budgets = [Budget(16, (4, 4), settings, seed) for seed in (1, 2)]
     pilot, final = budgets[0].pilot((1 / 3,) * 3, 6, Curves), budgets[0].final(dmis.Fit((1 / 3,) * 3), 6)

@@ -75,7 +75,7 @@ def test_arrays_and_images_in_the_file(tmp_path, name):
     assert "unread" not in scene.source and load_mesh(tmp_path / name).triangles == 2
 
 
-def test_interleaved_arrays(tmp_path):
+def test_forms_of_arrays(tmp_path):
     """Positions, normals and bytes of padding in one view of a stride."""
     file = File()
     rows = np.concatenate([CORNERS, np.tile(np.float32([0, 0, 1]), (4, 1)), np.full((4, 1), 9, np.float32)], axis=1)
@@ -85,6 +85,16 @@ def test_interleaved_arrays(tmp_path):
     scene = file.load(tmp_path)
     np.testing.assert_array_equal(triangles(scene), EXPECTED)
     np.testing.assert_array_equal(scene.parts[0].mesh.normals, [[0, 0, 1]] * 4)
+    # Whole numbers, fractions of their largest value if they are normalized
+    file = File()
+    corners = np.array([[0, 0, 0, 0], [127, 0, 0, 0], [0, 127, 0, 0]], np.int8)
+    view = file.view(corners.tobytes(), byteStride=4)
+    position = file.accessor(view, corners[:, :3], normalized=True)
+    uv = file.array(np.array([[0, 65535], [65535, 65535], [0, 0]], np.uint16), normalized=True)
+    file.primitives([{"attributes": {"POSITION": position, "TEXCOORD_0": uv}}])
+    mesh = file.load(tmp_path).parts[0].mesh
+    np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_allclose(mesh.uv, [[0, 0], [1, 0], [0, 1]])
 
 
 def test_points_lines_and_morph_targets_are_left_out(tmp_path):
@@ -136,19 +146,6 @@ def test_nodes_below_nodes(tmp_path):
         scene = file.load(tmp_path)
     turned = np.stack([-EXPECTED[..., 1] + 1, EXPECTED[..., 0], EXPECTED[..., 2]], axis=-1)
     np.testing.assert_allclose(triangles(scene), 2 * turned + [0, 0, 7], atol=1e-6)
-
-
-def test_quantised_arrays(tmp_path):
-    """Whole numbers, fractions of their largest value if they are normalized."""
-    file = File()
-    corners = np.array([[0, 0, 0, 0], [127, 0, 0, 0], [0, 127, 0, 0]], np.int8)
-    view = file.view(corners.tobytes(), byteStride=4)
-    position = file.accessor(view, corners[:, :3], normalized=True)
-    uv = file.array(np.array([[0, 65535], [65535, 65535], [0, 0]], np.uint16), normalized=True)
-    file.primitives([{"attributes": {"POSITION": position, "TEXCOORD_0": uv}}])
-    mesh = file.load(tmp_path).parts[0].mesh
-    np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    np.testing.assert_allclose(mesh.uv, [[0, 0], [1, 0], [0, 1]])
 
 
 # Materials --------------------------------------------------------------------------------------------------------

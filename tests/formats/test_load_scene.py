@@ -328,7 +328,7 @@ def test_emission_that_lights_nothing(tmp_path, capsys):
         assert "a sky and a lamp, because its emission reaches only 0.0% of the image" in capsys.readouterr().out
 
 
-def test_a_lamp_above_a_floor_lights_it(tmp_path, capsys):
+def test_what_lights_a_model(tmp_path, capsys):
     """Nothing is added, and what lights it is said; lights that are given replace nothing of it."""
     file = File().mesh(GREY, FLOOR, uv=None).mesh(glowing(1e-4, 1e-4, 1e-4), DOWN, uv=None)
     scene = file.load(tmp_path)
@@ -338,9 +338,7 @@ def test_a_lamp_above_a_floor_lights_it(tmp_path, capsys):
     assert "  lit by its emission, which reaches " in capsys.readouterr().out
     sun = dmis.DistantLight((0, 1, 0), (1, 1, 1))
     assert file.load(tmp_path, lights=[sun]).lights[0] is sun and len(file.load(tmp_path, lights=[sun]).lights) == 2
-
-
-def test_lights_of_the_file_light_it(tmp_path):
+    # lights of the file light it
     file = File().mesh(glowing(0.002, 0, 0), uv=None)
     file.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
     file.json["nodes"].append({"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [0, 0, 3]})

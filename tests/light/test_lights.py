@@ -250,7 +250,7 @@ def test_environment_search_is_a_binary_search() -> None:
 # Lights of one direction --------------------------------------------------------------------------------------------
 
 
-def test_point_and_distant_by_hand() -> None:
+def test_lights_of_one_direction_by_hand() -> None:
     """``I / d^2`` from the direction of the light, distance d, always in sight."""
     light = PointLight((1, 2, 3), (4, 8, 12))
     light_sample = light.sample(columns(np.array((1.0, 2.0, 1.0))))
@@ -264,6 +264,10 @@ def test_point_and_distant_by_hand() -> None:
     np.testing.assert_allclose(light_sample.wi, np.repeat([[0], [0.6], [0.8]], 3, axis=1), atol=1e-7)
     np.testing.assert_allclose(np.broadcast_to(light_sample.radiance, (3, 3)), np.repeat([[1], [2], [3]], 3, axis=1))
     assert (light_sample.distance == INFINITE_DISTANCE).all() and light_sample.emits.all()
+    # inner = outer is a step, without a division by zero
+    light = SpotLight((0, 0, 0), (0, 0, -1), WHITE, outer=30, inner=30)
+    light_sample = light.sample(np.concatenate([columns(-polar(d)) for d in (29.9, 30.1)], axis=1))
+    np.testing.assert_allclose(light_sample.radiance, np.float32([[1, 0], [2, 0], [3, 0]]), rtol=1e-5)
 
 
 @pytest.mark.parametrize("degrees, factor", [(0.0, 1.0), (24.9, 1.0), (30.1, 0.0), (180.0, 0.0), (27.5, None)])
@@ -290,13 +294,6 @@ def test_narrow_spots_keep_their_falloff(outer: float) -> None:
     light_sample = light.sample(np.stack([np.sin(angles), 0 * angles, -np.cos(angles)]).astype(np.float32))
     d = np.clip((np.radians(outer) ** 2 - angles**2) / (np.radians(outer) ** 2 * 0.75), 0, 1)
     np.testing.assert_allclose(light_sample.radiance[0], d**4, atol=2e-3)
-
-
-def test_spot_with_a_sharp_edge() -> None:
-    """inner = outer is a step, without a division by zero."""
-    light = SpotLight((0, 0, 0), (0, 0, -1), WHITE, outer=30, inner=30)
-    light_sample = light.sample(np.concatenate([columns(-polar(d)) for d in (29.9, 30.1)], axis=1))
-    np.testing.assert_allclose(light_sample.radiance, np.float32([[1, 0], [2, 0], [3, 0]]), rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", LIGHTS)

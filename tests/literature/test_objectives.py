@@ -112,10 +112,7 @@ def test_costs_of_a_pilot_by_hand() -> None:
     film = replace(film, rays={"camera": 100, "shadow": 400}, shading_samples=8)
     film = replace(film, sums={"values": np.array([[[16.0, 4.0]]] * 2)})
     np.testing.assert_allclose(dmis.make_rule("inverse-variance:filter=none").fit({0.5: film}).weight, 2 / (2 + 3.6))
-
-
-def test_options() -> None:
-    """The order of the divergence; each rule has a sentence."""
+    # the order of the divergence; each rule has a sentence
     with pytest.raises(ValueError, match="gamma must be positive and finite; got inf"):
         dmis.make_rule("tsallis:gamma=1e400")
     assert len({about(name) for name in NAMES}) == len(NAMES) and all("Choose shares" in about(n) for n in NAMES)

@@ -57,13 +57,20 @@ def test_tiles_are_merged_to_their_places_in_any_order(tiles):
         np.testing.assert_array_equal(film.sums["curve"], whole)
 
 
-def test_variance_of_the_pilot_in_an_image():
+def test_variance_of_the_pilot_in_an_image(box: dmis.Scene):
     """Weights 6 and 2; variances of the mean 12 / (4 3) = 1 and 6 / (2 1) = 3 in one pixel, unknown in the other."""
     shape = (1, 2, 3)
     final = Film(4, np.ones(shape, np.float32), np.full(shape, np.sqrt(12), np.float32))
     pilot = Film(np.array([[[2], [1]]]), np.full(shape, 5, np.float32), np.full(shape, np.sqrt(6), np.float32))
     shares = pilot_shares([(final, 6), (pilot, 2)])
     assert shares == {"pilot_samples": 0.25, "pilot_variance": pytest.approx(3 * 2**2 / (6**2 + 3 * 2**2))}
+    # of each colour: all closest hits, those that need no ray included, all other rays, and squares of one sample
+    film = film_of(box, statistic=FirstRound)
+    hits = sum(n for kind, n in film.rays.items() if kind.startswith(("camera", "untraced", "bounce")))
+    assert film.sums["closest hits"].sum() == hits
+    assert film.sums["occlusion rays"].sum() == sum(film.rays.values()) - hits
+    squares = patch_sum(by_colour(np.square(film.mean).mean(axis=2)), PATCH)
+    np.testing.assert_allclose(film.sums["squares"], squares, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -106,16 +113,6 @@ def test_directions_of_records(box: dmis.Scene, directions: bool) -> None:
         np.testing.assert_allclose(np.linalg.norm(record.wi, axis=0), 1, rtol=1e-5)
         on_lamp = record.p + record.wi * ((3 - record.p[2]) / record.wi[2])  # a square at z = 3
         assert (np.abs(on_lamp[:2]) < 1 + 1e-4).all() and (record.p[2] >= -1).all()
-
-
-def test_pixel_sums_are_rays_and_squares(box: dmis.Scene) -> None:
-    """Of each colour: all closest hits, those that need no ray included, all other rays, and squares of one sample."""
-    film = film_of(box, statistic=FirstRound)
-    hits = sum(n for kind, n in film.rays.items() if kind.startswith(("camera", "untraced", "bounce")))
-    assert film.sums["closest hits"].sum() == hits
-    assert film.sums["occlusion rays"].sum() == sum(film.rays.values()) - hits
-    squares = patch_sum(by_colour(np.square(film.mean).mean(axis=2)), PATCH)
-    np.testing.assert_allclose(film.sums["squares"], squares, rtol=1e-5)
 
 
 def test_a_statistic_is_of_the_pixels_that_have_samples(box: dmis.Scene) -> None:

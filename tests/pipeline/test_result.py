@@ -45,6 +45,13 @@ def test_scenes_results_and_pilots_are_one_line() -> None:
     assert re.fullmatch(r"Scene\(teapot-area-light 20x12, \d parts, [\d,]+ triangles, 2 lights\)", repr(small()))
     dmis.render(small(), rule := Keep(), 4)
     assert [repr(pilot) for pilot in rule.kept] == ["Film(20x12, 2 spp, light + brdf, sums: none)"]
+    # Nor Embree's copy: its provenance is made from the fields of the scene
+    scene = box_scene(resolution=(4, 3))
+    kept = [weakref.ref(scene.plan), weakref.ref(scene.intersector)]
+    result = dmis.render(scene, "balance", 1, parallel=1)
+    del scene
+    gc.collect()
+    assert [reference() for reference in kept] == [None, None] and result.provenance["scene_hash"]
 
 
 def test_average_has_the_unbiased_variance() -> None:
@@ -75,7 +82,9 @@ def test_notebook_shows_the_picture(tmp_path: Path) -> None:
 # Progress ------------------------------------------------------------------------------------------------------------
 
 
-def test_bar_follows_the_render(box: dmis.Scene, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bar_follows_the_render(
+    box: dmis.Scene, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """True shows both stages on standard error, and the image is that without a bar."""
     pytest.importorskip("tqdm")
     image = dmis.render(box, "thesis:patch=4", 8, parallel=1, progress=True).image
@@ -83,6 +92,10 @@ def test_bar_follows_the_render(box: dmis.Scene, capsys: pytest.CaptureFixture[s
     assert "pilot" in shown and "final" in shown and "samples" in shown
     assert (image == dmis.render(box, "thesis:patch=4", 8, parallel=1, progress=False).image).all()
     assert capsys.readouterr().err == ""
+    # the message says what to install
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    with pytest.raises(ImportError, match=r"pip install 'dmis\[progress\]'"), reporting(True):
+        pass
 
 
 @pytest.mark.parametrize("rule", ["thesis:patch=4", "auto", "balance", "reference"])
@@ -96,20 +109,3 @@ def test_progress_is_that_of_the_whole_render(box: dmis.Scene, rule: str, tmp_pa
         dmis.render(box, rule, 64, **options)
     done, total = (np.array(values) for values in list(zip(*calls, strict=True))[1:])
     assert (np.diff(done) > 0).all() and (done <= total).all() and done[-1] == total[-1] > 0.9 * total[0]
-
-
-def test_progress_without_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The message says what to install."""
-    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
-    with pytest.raises(ImportError, match=r"pip install 'dmis\[progress\]'"), reporting(True):
-        pass
-
-
-def test_a_result_keeps_no_tables() -> None:
-    """Nor Embree's copy: its provenance is made from the fields of the scene."""
-    scene = box_scene(resolution=(4, 3))
-    kept = [weakref.ref(scene.plan), weakref.ref(scene.intersector)]
-    result = dmis.render(scene, "balance", 1, parallel=1)
-    del scene
-    gc.collect()
-    assert [reference() for reference in kept] == [None, None] and result.provenance["scene_hash"]

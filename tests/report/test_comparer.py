@@ -31,9 +31,7 @@ def test_results_and_arrays(box: dmis.Scene) -> None:
     assert "<title>two &lt;images&gt; · dmis</title>" in comparer.page and '"palette":[]' in comparer.page
     assert not re.search(r"https?:|\bfetch\(|{{", comparer.page)
     assert ".save(path)" in repr(comparer)
-
-
-def test_reference_is_first_and_scales_errors() -> None:
+    # reference is first and scales errors
     pytest.importorskip("matplotlib")
     for reference in (A, dmis.Reference(A, A, 4)):
         scene = data(dmis.show({"b": B}, reference=reference))

@@ -53,6 +53,12 @@ def test_material_alone() -> None:
     assert nothing[0, 0] and (beyond["normal"][:, nothing] == 0).all()
     np.testing.assert_allclose(beyond["material"].sum(axis=0), 1)
 
+    # Lobes need no attribute called reflectance: without it they count as black
+    class Own(Lobe):
+        """Neither a colour nor anything else."""
+
+    assert not Own().albedo().any()
+
 
 @pytest.mark.parametrize(
     "material, expected",
@@ -178,12 +184,3 @@ def test_a_rule_looks_at_pixels(box: dmis.Scene) -> None:
     assert nothing.any() and not nothing.all()
     np.testing.assert_array_equal(nothing, (films[0].features["albedo"] == 0).all(axis=0))
     np.testing.assert_allclose(np.linalg.norm(films[0].features["normal"], axis=0), ~nothing, atol=1e-6)
-
-
-def test_albedo_of_a_lobe_of_ones_own():
-    """Lobes need no attribute called reflectance: without it they count as black."""
-
-    class Own(Lobe):
-        """Neither a colour nor anything else."""
-
-    assert not Own().albedo().any()

@@ -51,10 +51,7 @@ def test_rays_pass_holes_as_if_there_were_no_triangles():
     assert (~np.isclose(a.distance, b.distance, rtol=1e-4, atol=1e-5)).sum() <= 2  # rays along edges
     blocked = [caster.occluded(origin, direction, distance) for caster in (cut, squares)]
     assert 0.1 < blocked[0].mean() < 0.9 and (blocked[0] != blocked[1]).sum() <= 2
-
-
-def test_holes_behind_holes():
-    """A ray passes hundreds of sheets and meets what is behind them, at its distance from the ray's origin."""
+    # a ray passes hundreds of sheets and meets what is behind them, at its distance from the ray's origin
     sheets = concatenate([*(quad((-1, -1, k / 100), (2, 0, 0), (0, 2, 0)) for k in range(300))])
     wall = quad((-1, -1, 4), (2, 0, 0), (0, 2, 0))
     nothing = Mask(dmis.Image(np.zeros((1, 1, 1))))
@@ -63,6 +60,12 @@ def test_holes_behind_holes():
     hits = scene.intersector.closest(origin + 1.5 * up, up)
     np.testing.assert_allclose(hits.distance, 3.5, rtol=1e-5)
     assert not scene.intersector.occluded(origin + 1.5 * up, up, np.array([3.4], np.float32))[0]
+    # half of the rays along a sheet of opacity 1/2 pass: a ray begun again that meets it again is not drawn again
+    origin, direction, square = slanted_rays(0.05)
+    sheet = Part(square(0), dmis.matte(), mask=Mask(dmis.Image(np.full((1, 1, 1), 0.5)), None))
+    scene = dmis.Scene(box_scene().camera, (sheet,), (dmis.EnvironmentLight(1),))
+    hits = scene.intersector.closest(origin, direction)
+    assert abs((hits.prim < 0).mean() - 0.5) < Z_LIMIT * np.sqrt(0.25 / len(hits.prim))
 
 
 def slanted_rays(slope, count=20_000):
@@ -96,15 +99,6 @@ def test_surface_close_behind_a_hole_is_met(gap, mask, slope):
     assert not scene.intersector.occluded(origin, direction, hits.distance * np.float32(0.99)).any()
 
 
-def test_hole_that_is_met_again_is_passed():
-    """Half of the rays along a sheet of opacity 1/2 pass: a ray begun again that meets it again is not drawn again."""
-    origin, direction, square = slanted_rays(0.05)
-    sheet = Part(square(0), dmis.matte(), mask=Mask(dmis.Image(np.full((1, 1, 1), 0.5)), None))
-    scene = dmis.Scene(box_scene().camera, (sheet,), (dmis.EnvironmentLight(1),))
-    hits = scene.intersector.closest(origin, direction)
-    assert abs((hits.prim < 0).mean() - 0.5) < Z_LIMIT * np.sqrt(0.25 / len(hits.prim))
-
-
 def z_of(a, b):
     """Normal deviates of 4x4 blocks of the difference of two results."""
 
@@ -130,6 +124,15 @@ def test_glass_and_features_have_holes():
     assert np.abs(z_of(*results)).max() < Z_LIMIT
     left, right = (render_feature_buffers(scene)[0] for scene in (a, b))
     np.testing.assert_allclose(left["albedo"], right["albedo"], atol=1e-5)
+    # scenes with masks are pickled and rescaled
+    scene = board()
+    images = [dmis.render(one, "balance", 4, parallel=1).image for one in (scene, pickled(scene))]
+    assert np.array_equal(*images)
+    large = [Mesh(part.mesh.vertices * 1e9, part.mesh.faces, None, part.mesh.uv) for part in scene.parts]
+    far = tuple(replace(part, mesh=mesh) for part, mesh in zip(scene.parts, large, strict=True))
+    camera = replace(scene.camera, to_world=np.diag([1e9, 1e9, 1e9, 1]) @ scene.camera.to_world)
+    scaled = scene.changed(parts=far, camera=camera).in_float32[0]
+    assert scaled.parts[1].mask is scene.parts[1].mask
 
 
 def test_partial_transparency():
@@ -148,17 +151,6 @@ def test_partial_transparency():
         for reflects, floor, share, whole in ((0.5, 0, 0.3, there), (0, 0.5, 0.7**2, gone)):
             (value, error), (full, _) = mean(reflects, floor, half), mean(reflects, floor, whole)
             assert abs(value - share * full) < Z_LIMIT * error + 1e-4 * full
-
-
-def test_scenes_with_masks_are_pickled_and_rescaled():
-    scene = board()
-    images = [dmis.render(one, "balance", 4, parallel=1).image for one in (scene, pickled(scene))]
-    assert np.array_equal(*images)
-    large = [Mesh(part.mesh.vertices * 1e9, part.mesh.faces, None, part.mesh.uv) for part in scene.parts]
-    far = tuple(replace(part, mesh=mesh) for part, mesh in zip(scene.parts, large, strict=True))
-    camera = replace(scene.camera, to_world=np.diag([1e9, 1e9, 1e9, 1]) @ scene.camera.to_world)
-    scaled = scene.changed(parts=far, camera=camera).in_float32[0]
-    assert scaled.parts[1].mask is scene.parts[1].mask
 
 
 def test_what_is_refused():

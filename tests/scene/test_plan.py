@@ -27,7 +27,7 @@ from dmis.fit.rule import merge_settings
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.intersect import UNTRACED, Hits
-from dmis.light.area import QuadLight, SphereLight
+from dmis.light.area import QuadLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import Light
@@ -204,16 +204,6 @@ def test_unused_features_change_no_bit(name: str) -> None:
         found, again = tile_of((UNUSED | OUT_OF_SIGHT)[name], integrator=integrator)
         np.testing.assert_array_equal(found, image)
         assert again == rays
-
-
-@pytest.mark.parametrize("light", [POINT, LAMP, SphereLight((0, 0, 3), 0.5, (1, 1, 1)), SPOT])
-def test_lights_without_power(light: Any) -> None:
-    """They are not in the plan; a single channel above 0 is power."""
-    name = "intensity" if hasattr(light, "intensity") else "radiance"
-    for value, live in (((0, 0, 0), 0), ((0, 0, 1e-9), 1)):
-        plan = box_scene(lights=(replace(light, **{name: value}),)).plan
-        assert len(plan.sampled) + len(plan.deltas) == live and plan.removed_lights == 1 - live
-        assert plan.has_light == bool(live)
 
 
 def test_surface_of_a_light_without_power_is_a_surface() -> None:

@@ -50,7 +50,7 @@ def test_a_density_with_an_edge_passes(cos: float) -> None:
     assert wrong.p < 1e-4 and wrong.mass == pytest.approx(1.07, abs=0.01)
 
 
-def test_directions_that_are_not_accepted_are_counted() -> None:
+def test_faults_of_densities_are_described() -> None:
     """Their share is what the integral of the pdf lacks to 1."""
     w = square_to_sphere(uniforms(2**14, 4))
     views = [
@@ -59,10 +59,7 @@ def test_directions_that_are_not_accepted_are_counted() -> None:
     ]
     assert [view.p > 1e-4 for view in views] == [True, False, False]
     assert views[0].describe().startswith("it integrates to 0.5000, 0.5043 of the directions of sample are accepted")
-
-
-def test_worst_cell_is_where_samples_are_missing() -> None:
-    """Uniform directions without a cap about +y."""
+    # Uniform directions without a cap about +y
     w = square_to_sphere(uniforms(2**16, 3))
     w = w[:, w[1] < 0.8]
     text = DensityView(w, lambda d: np.full(d.shape[1], 0.25 / np.pi), np.ones(w.shape[1], bool)).describe()

@@ -524,7 +524,7 @@ def test_names_are_relative_to_the_first_file(read, tmp_path, dialect):
     assert not scene.parts[0].mask.image.texels.any()
 
 
-def test_marks_of_encodings(read, tmp_path):
+def test_files(read, tmp_path):
     """A byte order mark is no word, in front of any file; UTF-16 is refused."""
     (tmp_path / "a.pbrt").write_text("Translate 1 2 3", "utf-8-sig")
     read('Include "a.pbrt"')
@@ -534,6 +534,13 @@ def test_marks_of_encodings(read, tmp_path):
     (tmp_path / "a.pbrt").write_text("Translate 1 2 3", "utf-16")
     with pytest.raises(PbrtError, match=r'scene\.pbrt:3: token "a\.pbrt": .*a\.pbrt is UTF-16 or binary'):
         read_pbrt(path)
+    # folders, pipes, and what is not there
+    with pytest.raises(FileNotFoundError, match=r"there is no scene file .*none\.pbrt"):
+        read_pbrt(tmp_path / "none.pbrt")
+    os.mkfifo(tmp_path / "pipe.pbrt")
+    for path in (tmp_path, tmp_path / "pipe.pbrt"):
+        with pytest.raises(FileNotFoundError, match="is no scene file but a folder, a pipe or a device"):
+            read_pbrt(path)
 
 
 ABOVE = "reflectance above 1, which adds light, taken as it is, as pbrt does: "
@@ -593,7 +600,6 @@ def test_options_that_are_not_used(read):
 # (options or world, line of it, what the message says); TRIANGLE, POINTS and LAMP stand for the texts above
 BAD_OPTIONS = [
     ('Renderer "sampler"\nIntegrator "path"', 2, "token Integrator: Integrator belongs to v3 and v4"),
-    ("LookAt 1 2 3 4 5 6 7 8", 2, "token WorldBegin: LookAt needs 9 numbers; got 8"),
     ('Camera "perspective" "integer fov" 60', 1, "parameter 'fov' must be of type float; got integer"),
     ('Film "image" "integer xresolution" 2.5', 1, "needs whole numbers below 2**31"),
     ('Camera "perspective" "float frameaspectratio" 1', 1, "pixels that are not square are not supported"),
@@ -606,7 +612,6 @@ BAD_OPTIONS = [
 BAD_WORLDS = [
     ("WorldBegn", 1, "did you mean 'WorldBegin'?"),
     ("Foo 1 2", 1, "token Foo: a directive must be one of Include, Identity,"),
-    ('"matte"', 1, 'token "matte": a directive is expected'),
     ('\nMaterial "matte', 2, 'token "matte: this string has no end'),
     ('\nMaterial "matte" "color Kd" [1 2 3', 2, "token [: this list has no end"),
     ('Material "matte" "color Kd" [1\n nan 3]', 1, "a number must be finite; nan is too large"),
@@ -620,19 +625,15 @@ BAD_WORLDS = [
     ('Material "matte" "Kd" [1 1 1]', 1, 'token "Kd": a parameter is declared by its type and name'),
     ('Material "matte" "colour Kd" [1 1 1]', 1, "must be integer, float, point"),
     ('Material "matte" "color Kd"\n', 3, "token Shape: parameter 'Kd' needs a value"),
-    ('Material "matte" "color Kd" []', 1, "parameter 'Kd' needs a value; got an empty list"),
     ('Texture "a" "color" "imagemap" "string filename" 3', 1, "needs strings in quotes"),
     ('Shape "trianglemesh" "point P" [1 2 3 4]', 1, "needs 3 numbers for each point; got 4"),
-    ('Material "matte" "bool b" "yes"', 1, 'parameter \'b\' of type bool must be "true" or "false"'),
     ('Material "matte" "spectrum Kd" [400 1 500]', 1, "pairs of wavelength and value; got 3"),
     ('Material "matte" "spectrum Kd" "no.spd"', 1, "there is no file 'no.spd' in"),
-    ("AttributeEnd", 1, "AttributeEnd must close AttributeBegin; nothing is open"),
     ("AttributeBegin\nTransformEnd", 2, "must close TransformBegin; AttributeBegin of line 3 is open"),
     ("\nTransformBegin", 4, "token WorldEnd: TransformBegin of line 4 is still open"),
     ('Camera "perspective"', 1, "token Camera: Camera must stand before WorldBegin"),
     ("TRIANGLE\nWorldEnd\nIdentity", 3, "token Identity: nothing may follow WorldEnd"),
     ('Volume "homogeneous"', 1, "Volume is not supported; remove it"),
-    ('Material "metal" "float roughness" -1', 1, "parameter 'roughness' must not be negative"),
     ('Shape "sphere" "float radius" -1', 1, 'token "sphere": radius must be positive'),
     ('ObjectBegin "a" ObjectBegin "b"', 1, "must not be defined within another"),
     ('Material "glass" "float index" 0', 1, "parameter 'index' must be positive"),
@@ -642,16 +643,13 @@ BAD_WORLDS = [
     ('Texture "x" "color" "imagemap" "string filename" "bad.exr"', 1, "cannot read"),
     ('LightSource "point" "color I" [-1 0 0]', 1, "intensity must be finite, not negative"),
     ('Scale 1 2 1 LightSource "spot"', 1, "a spot light must not be stretched"),
-    ('AreaLightSource "area" "color L" [-1 1 1]', 1, "must not be negative"),
     ('LAMP Scale 1 2 1 Shape "disk"', 2, "a disk that emits must not be stretched"),
     ('LAMP Shape "disk" "float innerradius" .5', 2, "a disk that emits must be whole"),
-    ('LAMP Shape "sphere" "float zmin" 0', 2, "a sphere that emits must be whole"),
     ('ObjectBegin "a" LAMP TRIANGLE\n', 2, "a shape in an object must not emit"),
     ('Shape "trianglemesh" "integer indices" [0 1 3] POINTS\n', 1, "indices must be from 0 to 2, the last point; got"),
     ('TRIANGLE"normal N" [0 0 1]', 1, "each of the 3 points needs one N; got 1"),
     ('LAMP TRIANGLE"float alpha" 0', 2, "a shape that emits must not have alpha"),
     ('TRIANGLE"vector S" [1 0 0]', 1, "this is not supported; remove the parameter"),
-    ('ObjectInstance "x"', 1, "there is no object 'x' here; there are: none"),
     ('ObjectBegin "a" ObjectInstance "a"', 1, "an object must not hold instances"),
 ]
 
@@ -686,15 +684,6 @@ def test_broken_files(tmp_path, text, message):
     with pytest.raises(PbrtError) as caught:
         read_pbrt(path)
     assert f"{path}{message}" in str(caught.value)
-
-
-def test_no_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"there is no scene file .*none\.pbrt"):
-        read_pbrt(tmp_path / "none.pbrt")
-    os.mkfifo(tmp_path / "pipe.pbrt")
-    for path in (tmp_path, tmp_path / "pipe.pbrt"):
-        with pytest.raises(FileNotFoundError, match="is no scene file but a folder, a pipe or a device"):
-            read_pbrt(path)
 
 
 @pytest.mark.parametrize(
