@@ -26,10 +26,7 @@ sys.dont_write_bytecode = False
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers of pytest-xdist, which occupy all cores
 intersect.CHECK_RAYS = True  # a NaN in a ray fails a test, in place of looking like a hang
 
-DATA = {
-    "DMIS_PBRT_SCENES": "the original pbrt-v2 scenes",
-    "DMIS_REFERENCES": "the converged pbrt-v2 images",
-}
+DATA = {"DMIS_PBRT_SCENES": "the original pbrt-v2 scenes", "DMIS_REFERENCES": "the converged pbrt-v2 images"}
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:

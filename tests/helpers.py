@@ -234,12 +234,7 @@ def image_tile(scene: Scene, seed: int, round_: Round, pass_: int = 0) -> Tile:
 
 
 def tile_of(
-    scene: Scene,
-    seed: int = 0,
-    spp: int = 16,
-    w: float = 0.5,
-    sampler: str = "independent",
-    **settings: object,
+    scene: Scene, seed: int = 0, spp: int = 16, w: float = 0.5, sampler: str = "independent", **settings: object
 ) -> tuple[Array, Counter[str]]:
     """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays."""
     round_ = Round(spp, pixel_shares(w), Settings(sampler=sampler, **settings))

@@ -169,11 +169,7 @@ def test_a_heuristic_that_is_defined_anew_is_not_remembered() -> None:
     [
         (("light", "glow"), {}, "technique must be one of light, brdf"),
         (("light", "brdf", "uniform"), {"combiner": "optimal"}, "combiner optimal needs two techniques; got 3"),
-        (
-            ("light", replace(TECHNIQUES["brdf"], name="mine", rays="guide")),
-            {},
-            "such as 'mine'; not one of",
-        ),
+        (("light", replace(TECHNIQUES["brdf"], name="mine", rays="guide")), {}, "such as 'mine'; not one of"),
         (("light", replace(TECHNIQUES["brdf"], name="guide", rays="guide")), {}, "such as 'guide_rays'; not one of"),
     ],
 )

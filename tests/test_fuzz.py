@@ -399,15 +399,12 @@ def test_what_is_not_changed_is_read(folder):
 # --- what once failed
 
 
-def test_images_that_end_early(tmp_path):
+def test_images_that_end_early(tmp_path, monkeypatch):
     write_exr(tmp_path / "a.exr", {"RGB": np.zeros((9, 9, 3), np.float32)})
     (tmp_path / "a.exr").write_bytes((tmp_path / "a.exr").read_bytes()[:-9])
     with pytest.raises(ValueError, match=r"a\.exr as EXR: its pixels are damaged or cut off"):
         read_exr(tmp_path / "a.exr")
-
-
-def test_references_must_be_numbers(tmp_path, monkeypatch):
-    """Not a number, halves of other kinds."""
+    # Not a number, halves of other kinds
     first = np.zeros((2, 2, 3), np.float32)
     write_exr(tmp_path / "a.exr", {"first": first, "second": first[..., 0]})
     with pytest.raises(ValueError, match="must hold an image of three channels, or halves"):

@@ -88,10 +88,7 @@ TECHNIQUE: Plants = {
     "pdf bool": ("pdf", lambda p, *_: p > 0),
     "pdf writes that of the light": ("pdf", lambda p, s, d, light_pdf: spoil(p, light_pdf)),
 }
-HEURISTIC: Plants = {
-    "NaN": ("", lambda w, a, k: w * NAN),
-    "writes densities": ("", lambda w, a, k: spoil(w, a[0])),
-}
+HEURISTIC: Plants = {"NaN": ("", lambda w, a, k: w * NAN), "writes densities": ("", lambda w, a, k: spoil(w, a[0]))}
 STATISTIC: Plants = {
     "add writes radiance": ("add", lambda _, records, radiance, count: spoil(_, radiance)),
     "sums NaN": ("sums", lambda s: {name: a * NAN for name, a in s.items()}),
@@ -208,13 +205,6 @@ def test_planted(kind: str, plant: str, integrator: str) -> None:
     assert abs(results_z(result, right)) < Z_LIMIT
 
 
-class Unstarted:
-    """A sampler without `start`."""
-
-    def __init__(self, block: Any) -> None:
-        pass
-
-
 class Demanding(dmis.Rule):
     """A rule whose `fit` cannot be called."""
 
@@ -224,7 +214,8 @@ class Demanding(dmis.Rule):
 
 def test_what_cannot_be_called_is_named() -> None:
     with registries_kept():
-        for factory, message in ((Unstarted, "Unstarted must have methods start and draw"), (object, "sampler mine: ")):
+        unstarted = type("Unstarted", (), {"__init__": lambda self, block: None})
+        for factory, message in ((unstarted, "Unstarted must have methods start and draw"), (object, "sampler mine: ")):
             dmis.register_sampler("mine", factory)
             with pytest.raises(ValueError, match=message):
                 dmis.render(box_scene(), "balance", 2, sampler="mine", parallel=1)

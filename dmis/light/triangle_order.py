@@ -4,7 +4,7 @@ The first number u_0 of a light sample picks a triangle by the cumulative shares
 (0, 2)-sequence have one u_0 in each interval [i, i + 1) 2^-m, and a digit shift leaves the same rest in all of them. So
 the triangles of an interval must be close to each other and face the same side (`compact_order`), and the rest of u_0
 must move a sample the shortest way (`shortest_edge_last`). With the triangles as a file lists them, the variance of 256
-samples of a tube of 512 long triangles is 2,000 times as large (``tests/light/test_triangle_order.py``).
+samples of a tube of 512 long triangles is 2,000 times as large (``tests/light/test_lights.py``).
 """
 
 from __future__ import annotations

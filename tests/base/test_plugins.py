@@ -92,11 +92,7 @@ def test_a_plugin_without_a_rule_is_named(tmp_path: Path, capsys: pytest.Capture
     ("name", "text", "message"),
     [
         ("absent.py", None, r"no such plugin: .*absent\.py; a plugin must be a Python file, or one of dmis: .*"),
-        (
-            "my_rules.txt",
-            "",
-            r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt",
-        ),
+        ("my_rules.txt", "", r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt"),
         ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: .*"),
         (
             "my_rules.py",

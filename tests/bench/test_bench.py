@@ -115,10 +115,7 @@ def with_films(rule: dmis.Rule, films: list[Film]) -> dmis.Rule:
     return Keeper(**vars(rule))  # type: ignore[no-any-return]
 
 
-@pytest.mark.parametrize(
-    ("rule", "spp", "shading_samples"),
-    [(SecondMoment(), 3, 4), (Tilted(), 2, 2)],
-)
+@pytest.mark.parametrize(("rule", "spp", "shading_samples"), [(SecondMoment(), 3, 4), (Tilted(), 2, 2)])
 def test_films_are_those_of_the_pilot(rule: dmis.Rule, spp: int, shading_samples: int) -> None:
     """From the samples of a pilot, a rule gets the film that the render of the pilot makes."""
     scene = shared_scene("veach-mis", (36, 33))
@@ -458,10 +455,8 @@ def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
 @pytest.mark.parametrize(("name", "change", "message"), [
     ("-0 about", lambda about: [{**p, "shape": [24, 18]} for p in about], r"shape of all pilots .*; got \(24, 18\)"),
     ("-0 about", lambda about: [{**about[0], "spp": 1}], "'0.0 camera_sample' must .* from 0 to 0; got .* from 0 to 1"),
-    ("-0 about", lambda about: [{"w": 0.5}], "lacks something .KeyError"),
     ("-0 0.5 f", lambda f: f * np.nan, r"'0.5 f' must have shape \(N 3\).* from nan to nan"),
     ("-0 0.5 technique", lambda t: t + 0.0, "'0.5 technique' must .* integer values from -1 to 1; got .* float64"),
-    ("-0 1.0 pixel", None, "'1.0 pixel' must"),
     ("-0 feature normal", lambda n: n[:, 1:], r"'feature normal' must have shape \(3 R C\) = \(3, 5, 6\)"),
     (" about", lambda about: [18], "H and W, must be two numbers"),
     (" about", lambda about: [18, 24, 5], "blocks must be 1, or a multiple of 12"),
@@ -500,21 +495,12 @@ class Asking(dmis.Rule):
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        (
-            "fixed:light=0.5,brdf=0.3,uniform=0.2",
-            "needs systematic shares of light and brdf and uniform; pilots have fixed shares of light and brdf",
-        ),
+        ("fixed:light=0.5,brdf=0.3,uniform=0.2", "needs systematic shares of light and brdf and uniform; pilots have"),
         ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Asking(lambda b: b.pilot(0.5, 100)), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 oth"),
-        (
-            Asking(lambda b: replace(b.pilot(0.5, 2), needs_features="pixels")),
-            "needs features of pixels; pilots have those of patches",
-        ),
-        (
-            Asking(lambda b: b.final(Fit((0.4, 0.4, 0.2)), 0, techniques=THREE)),
-            "needs light and brdf and uniform; pilots",
-        ),
+        (Asking(lambda b: replace(b.pilot(0.5, 2), needs_features="pixels")), "needs features of pixels; pilots have"),
+        (Asking(lambda b: b.final(Fit((0.4, 0.4, 0.2)), 0, techniques=THREE)), "needs light and brdf and uniform"),
         (Asking(lambda b: b.pilot(0.5, 2, lambda *_: DIRECTIONS)), "needs directions of samples"),
         (Asking(lambda b: b.pilot(0.5, 2)), "must yield a final round"),
         (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),

@@ -247,17 +247,6 @@ def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatc
     assert main(command) == 0 and (tmp_path / "out" / "report.html").exists()
 
 
-def test_interrupt_of_compare_says_what_is_kept(scene, tmp_path, monkeypatch, capsys):
-    def stop(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("dmis.cli.reports.make_reference", stop)
-    out = str(tmp_path / "out")
-    assert main(["compare", scene, "--spp", "4", "-o", out]) == 130
-    kept = f"finished renders are kept in {out}, finished tiles of references and oracles in {os.environ['DMIS_CACHE']}"
-    assert f"dmis: interrupted; {kept}. Run the same command to resume." in capsys.readouterr().err
-
-
 def test_interrupt_without_a_checkpoint_says_how_to_keep_work(scene, tmp_path, monkeypatch, capsys):
     """Ctrl-C without a checkpoint ends with 130 and prints a command with --checkpoint that runs as it is."""
     out = str(tmp_path / "a b.exr")

@@ -7,17 +7,7 @@ from helpers import pixel_shares
 from dmis.base.vectors import Array
 from dmis.estimator.mis import balance, combiner_by_name, cutoff, maximum, power
 
-HEURISTICS = [
-    "balance",
-    "power",
-    "power-1",
-    "power-3",
-    "power-0.5",
-    "maximum",
-    "cutoff",
-    "cutoff-0.5",
-    "cutoff-1",
-]
+HEURISTICS = ["balance", "power", "power-1", "power-3", "power-0.5", "maximum", "cutoff", "cutoff-0.5", "cutoff-1"]
 each_heuristic = pytest.mark.parametrize("name", HEURISTICS)
 
 

@@ -102,8 +102,7 @@ def test_rules_agree(rule: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "rule",
-    ["fixed:0", "fixed:1", "fixed:0.3", "balance", "pbrt", "one-sample", "thesis", "second-moment", "auto"],
+    "rule", ["fixed:0", "fixed:1", "fixed:0.3", "balance", "pbrt", "one-sample", "thesis", "second-moment", "auto"]
 )
 def test_furnace_of_an_emitting_sphere(rule: str) -> None:
     """Inside a wall that emits 1 and reflects a, the radiance is 1 + a + ... + a^D: every sample meets the light."""

@@ -428,8 +428,7 @@ def test_rounds_without_shares_to_choose() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rule", "least", "others"),
-    [("auto", 16, (1, 15)), ("auto:spp=16", 32, (31,)), ("balance", 0, ())],
+    ("rule", "least", "others"), [("auto", 16, (1, 15)), ("auto:spp=16", 32, (31,)), ("balance", 0, ())]
 )
 def test_small_budgets_have_equal_numbers(box: dmis.Scene, rule: str, least: int, others: tuple[int, ...]) -> None:
     """Below twice the first round there is none, and the provenance has the reason."""

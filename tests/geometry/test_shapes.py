@@ -351,7 +351,6 @@ FIVE = np.random.default_rng(1).uniform(size=(5, 3))
     "call, message",
     [
         (lambda: Mesh(V[:, :2], F), r"vertices must have shape \(V, 3\); got \(3, 2\)"),
-        (lambda: Mesh(V * np.nan, F), r"vertices must be finite, .* in row 0"),
         (lambda: Mesh(V * 1e19, F), r"vertices must be finite, within 1e\+18 of 0, .* in row 1"),
         (lambda: Mesh(V, F + 1), r"faces must be indices from 0 to 2, because there are 3 vertices; got 1 to 3"),
         (lambda: Mesh(V, F[:0]), r"faces must be integers of shape \(F, 3\), F >= 1, .*; got shape \(0, 3\)"),
@@ -383,7 +382,6 @@ def test_faults(call, message):
     [
         ("mesh.xyz", b"", r"must have one of the extensions \.glb \.gltf \.obj \.ply \.stl; got '\.xyz'"),
         ("empty.ply", b"", r"cannot be read as PLY"),
-        ("broken.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", r"cannot be read as PLY"),
         ("cut.glb", b"glTF\2\0\0\0\x40\0\0\0\x08\0\0\0JSON{}  ", r"it is cut off: it must have 64 bytes; it has 24"),
         ("broken.stl", b"\x00" * 90, r"cannot be read as STL"),
         ("other.glb", b'{"asset": {"version": "2.0"}}', r"must be binary glTF of version 2; convert it"),

@@ -28,7 +28,7 @@ from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.intersect import UNTRACED, Hits
 from dmis.light.area import QuadLight
-from dmis.light.delta import DistantLight, PointLight, SpotLight
+from dmis.light.delta import DistantLight, PointLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import Light
 from dmis.pipeline.tile import render_tile
@@ -43,7 +43,6 @@ LAMP = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
 POINT = PointLight((0, 0, 2), (1, 1, 1))
 SUN = DistantLight((0, 0, 1), (1, 1, 1))
 DARK, OFF = replace(LAMP, radiance=(0, 0, 0)), replace(POINT, intensity=(0, 0, 0))
-SPOT = SpotLight((0, 0, 2), (0, 0, -1), (1, 1, 1))
 GREY = Image(np.full((4, 4, 3), (0.5, 0.25, 0.125), np.float32))
 GOLD = metal(roughness=0.05)
 RED = plastic((0.5, 0.25, 0.125))

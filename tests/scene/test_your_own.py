@@ -86,20 +86,6 @@ def test_transmissive_lobe_under_an_even_sky(rule: str) -> None:
             assert abs(z_score(values, share)) < Z_LIMIT
 
 
-def test_image_in_a_field_of_any_name() -> None:
-    """A textured lobe with a colour of its own name has the image of Lambert's lobe, bit for bit."""
-    texels = uniforms(8 * 8).reshape(8, 8, 2)[..., :1] * np.float32([0.9, 0.5, 0.2])
-    floor = replace(FLOOR, uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
-    lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
-    camera = box_scene().camera
-    own, shipped = (
-        dmis.render(dmis.Scene(camera, (Part(floor, dmis.Material((lobe(Image(texels)),))),), (lamp,)), "balance", 4)
-        for lobe in (Paint, Lambert)
-    )
-    assert np.ptp(shipped.image) > 0.01
-    np.testing.assert_array_equal(own.image, shipped.image)
-
-
 def test_rescaled_where_needed() -> None:
     """A light that cannot be rescaled will do in ordinary units, and not a million away from the origin."""
     lamp = Panel()
@@ -110,6 +96,17 @@ def test_rescaled_where_needed() -> None:
     far = replace(ordinary, parts=(Part(FLOOR.transformed(shift), dmis.matte()),), lights=(lamp,))
     with pytest.raises(ValueError, match=r"Panel has no method rescaled\(origin, length, gain\)"):
         dmis.render(far, "balance", 2)
+    # a textured lobe with a colour of its own name has the image of Lambert's lobe, bit for bit
+    texels = uniforms(8 * 8).reshape(8, 8, 2)[..., :1] * np.float32([0.9, 0.5, 0.2])
+    floor = replace(FLOOR, uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
+    lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
+    camera = box_scene().camera
+    own, shipped = (
+        dmis.render(dmis.Scene(camera, (Part(floor, dmis.Material((lobe(Image(texels)),))),), (lamp,)), "balance", 4)
+        for lobe in (Paint, Lambert)
+    )
+    assert np.ptp(shipped.image) > 0.01
+    np.testing.assert_array_equal(own.image, shipped.image)
 
 
 def mine(base: type, **methods: Any) -> Any:

@@ -38,10 +38,7 @@ def brighter(sample: LightSample, *args: Array) -> LightSample:
 
 MORE = pdf(lambda s: 1.07)
 PDF, CAMERA, RENDERS = "follows pdf", "camera sees", "renders"
-MASS, SEES = (
-    "^the pdf of hit is not the density of sample: it integrates to ",
-    "^the camera sees a mean radiance of ",
-)
+MASS, SEES = ("^the pdf of hit is not the density of sample: it integrates to ", "^the camera sees a mean radiance of ")
 FAULTS: dict[str, tuple[type, str, Callable[..., Any], str, str]] = {
     "pdf": (Panel, "hit", MORE, PDF, MASS + "1.0[67]"),
     "pdf without cosine": (Panel, "hit", pdf(lambda s: np.abs(s.wi[2])), PDF, MASS + "0.96"),

@@ -550,10 +550,7 @@ UNKNOWN, UNUSED = "not used, because it is unknown there: ", "not used, because 
 WARNINGS = [  # a line of the world, which is line 3 of the file, and the warning
     ('Material "matte" "color Kd" [-1 .5 .5]', f"{BELOW}'Kd' of Material (line 3)"),
     (RED, f"{ABOVE}'Kd' of Material (line 3)"),
-    (
-        'MakeNamedMaterial "a" "string type" "mirror" "color Kr" [1 1 1.01]',
-        f"{ABOVE}'Kr' of MakeNamedMaterial",
-    ),
+    ('MakeNamedMaterial "a" "string type" "mirror" "color Kr" [1 1 1.01]', f"{ABOVE}'Kr' of MakeNamedMaterial"),
     (f"{RED} TRIANGLE {RED}", f"{ABOVE}'Kd' of Material (line 3 and 1 more)"),
     # spectra may exceed 1 a little: a constant 1 is (1.2, .95, .91)
     ('Material "matte" "color Kd" [1 1 1.0001]', None),
