@@ -180,16 +180,13 @@ def test_tables_of_code(block):
     assert lines == "\n".join(code_tables.tables()[block])
 
 
-def test_syllabus_links_to_every_exercise():
+def test_exercises_and_the_batch():
     """Each starter and each solution, once."""
     text = (ROOT / "docs" / "syllabus.md").read_text("utf-8")
     folder = ROOT / "docs" / "exercises"
     files = [path.relative_to(folder.parent).as_posix() for path in folder.rglob("[0-9][0-9]_*.py")]
     assert sorted(re.findall(r"\]\((exercises/[^)]*\.py)\)", text)) == sorted(files)
-
-
-def test_one_batch_is_short():
-    """From the first random number to the image in at most 40 lines of code."""
+    # from the first random number to the image in at most 40 lines of code
     text = (ROOT / "docs" / "tutorials" / "0_one_batch.py").read_text("utf-8")
     batch = text[text.index("# The batch") : text.index("# Four arrays")]
     lines = [line for line in batch.split("\n") if line.strip() and not line.startswith("#")]

@@ -158,7 +158,7 @@ def good_file(rng, folder, suffixes):
 
 def token(rng):
     """Return a word that belongs to the format, a number, a list, or none of these."""
-    some = rng.choice((NUMBERS, ["0", "1", "2", "-1", "3"]))
+    some = rng.choice((NUMBERS, ["0", "1", "2", "-1", "3"], [*NUMBERS, "1e", "x", '"a"']))
     numbers = f"[{' '.join(rng.choice(some) for _ in range(rng.choice([0, 1, 3, 6, 9, 12, 16])))}]"
     letters = "".join(chr(rng.choice([rng.randrange(128), rng.randrange(0x3000)])) for _ in range(rng.randint(0, 6)))
     return rng.choice((rng.choice(WORDS), rng.choice(NUMBERS), rng.choice(NASTY), numbers, letters))

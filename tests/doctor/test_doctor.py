@@ -105,13 +105,6 @@ def test_faults_are_named(fault):
     assert not doctor_faults.named("sine", causes)
 
 
-def test_causes_that_give_the_same_table_are_together():
-    """A sampler that loses half of the light samples is p_l times 2 and p_b times 1/2."""
-    first, second = diagnosis("two-sided").causes[:2]
-    assert {first.column, second.column} == {"p_l", "p_b"} and first.share == pytest.approx(second.share, abs=0.02)
-    assert first.factor * second.factor == pytest.approx(1, abs=0.01)
-
-
 def test_sky_without_sine_is_named():
     """On the scene tt, of 48x27 pixels."""
     table = dmis_table.table(shared_scene("tt", (48, 27)), 8)
@@ -127,6 +120,10 @@ def test_smallest_error_is_named():
     causes = dmis.diagnose(right | {"p_b": right["p_b"] * factors[2.0]}).causes
     factors = [c.factor ** (1 if (c.column, c.rows) == ("p_b", "light") else -1) for c in causes]
     assert factors[0] == pytest.approx(1 + 2 * least, rel=least) and causes[0].z == pytest.approx(10, rel=0.4)
+    # a sampler that loses half of the light samples is p_l times 2 and p_b times 1/2
+    first, second = diagnosis("two-sided").causes[:2]
+    assert {first.column, second.column} == {"p_l", "p_b"} and first.share == pytest.approx(second.share, abs=0.02)
+    assert first.factor * second.factor == pytest.approx(1, abs=0.01)
 
 
 def test_estimates_and_measures():
@@ -178,20 +175,24 @@ def test_order_of_rows_means_nothing():
     assert doctor_faults.named("density", dmis.diagnose(table).causes)
 
 
-def test_faults_without_a_cause_are_told():
+def test_what_is_told():
     """A cosine forgotten in one lobe is beyond the doctor, and so the verdict begins."""
     right = synthetic() | {"lobe": np.tile(np.arange(20_000) // 7 % 2, 2)}
     wrong = doctor_faults.plant("cosine", right)
     table = right | {"p_b": np.where(right["lobe"] == 1, wrong["p_b"], right["p_b"])}
     assert dmis.diagnose(table).text().startswith("verdict: no cause that I know explains it: ")
-
-
-def test_tests_that_are_left_out_are_told():
-    """A table of 20 light samples tells nothing, and says so; absent columns, too."""
+    # a table of 20 light samples tells nothing, and says so; absent columns, too
     required = {name: column for name, column in synthetic(20).items() if name in REQUIRED}
-    diagnosis = dmis.diagnose(required)
-    assert diagnosis.healthy and diagnosis.text().startswith("verdict: too few rows to tell")
-    assert "joint test in two halves: left out" in diagnosis.text() and "lobe (one of a material)" in diagnosis.text()
+    few = dmis.diagnose(required)
+    assert few.healthy and few.text().startswith("verdict: too few rows to tell")
+    assert "joint test in two halves: left out" in few.text() and "lobe (one of a material)" in few.text()
+    # a light sampler that leaves out a part of the lamp though its density there is positive
+    right = synthetic(10_000)
+    assert "never draws" not in diagnosis().text()
+    lost = (right["technique"] == 0) & (right["direction"][:, 2] > 0.25) & (right["direction"][:, 2] < 0.5)
+    wrong = dmis.diagnose(some(right, ~lost))
+    (line,) = [line for line in wrong.text().splitlines() if "numbers  z +0.38" in line]
+    assert not wrong.healthy and "light sampling never draws these" in line
 
 
 def test_light_samples_are_thinned_with_their_number():
@@ -270,16 +271,6 @@ def test_occluded_rows_may_be_left_out(of):
         diagnosis = dmis.diagnose(some(table, kept))
         assert diagnosis.healthy == (fault is None) and doctor_faults.named("density", diagnosis.causes) == bool(fault)
         assert any("f = 0 are left out" in note for note in diagnosis.notes) == (of < 2)
-
-
-def test_directions_that_are_never_drawn_are_told():
-    """A light sampler that leaves out a part of the lamp though its density there is positive."""
-    right = synthetic(10_000)
-    assert "never draws" not in diagnosis().text()
-    lost = (right["technique"] == 0) & (right["direction"][:, 2] > 0.25) & (right["direction"][:, 2] < 0.5)
-    wrong = dmis.diagnose(some(right, ~lost))
-    (line,) = [line for line in wrong.text().splitlines() if "numbers  z +0.38" in line]
-    assert not wrong.healthy and "light sampling never draws these" in line
 
 
 def test_large_tables_are_thinned(monkeypatch):

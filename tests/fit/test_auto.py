@@ -316,10 +316,7 @@ def test_relative_errors_spend_more_on_dark_pixels(monkeypatch: pytest.MonkeyPat
     assert ratio["relative"] == pytest.approx((100 / 103.025 * 4.025) ** (0.75 / 2.4), rel=1e-2)
     scaled, _ = decided(first_film(10 * bright, 10 * bright), replace(PLAIN, error="relative"))
     np.testing.assert_allclose(scaled, density["relative"], rtol=1e-3)
-
-
-def test_dear_pixels_have_fewer_samples() -> None:
-    """n ~ C^(-1 / (1 + a)) where V is the same, C being by the rays: 1 + 2 / 4 and .4 for each kind."""
+    # n ~ C^(-1 / (1 + a)) where V is the same, C being by the rays: 1 + 2 / 4 and .4 for each kind
     first = first_film(EVEN)
     sums = {name: a.copy() for name, a in first.sums.items()}
     for name in ("closest hits", "occlusion rays"):

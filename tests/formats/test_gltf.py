@@ -97,15 +97,6 @@ def test_forms_of_arrays(tmp_path):
     np.testing.assert_allclose(mesh.uv, [[0, 0], [1, 0], [0, 1]])
 
 
-def test_points_lines_and_morph_targets_are_left_out(tmp_path):
-    file = File().mesh()
-    file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1, 3)]
-    file.json["meshes"][0]["weights"] = [0, 1]
-    named = r"left out: morphed mesh \(shown as it is modelled\), set of points or lines \(3\)$"
-    with pytest.warns(SceneWarning, match=named):
-        assert len(file.load(tmp_path).parts) == 2  # with the default lamp's
-
-
 def test_several_primitives_and_instances(tmp_path, monkeypatch):
     """Primitives of one material are one part, wherever the nodes stand."""
     file = File().mesh({"name": "a"}, node={"translation": [5, 0, 0]})
@@ -401,10 +392,14 @@ def test_what_is_left_out_is_named(tmp_path):
         "extension KHR_materials_sheen",
     }
     assert len(caught) == 1 and caught[0].filename == __file__
-
-
-def test_unlit_and_hidden_surfaces(tmp_path):
-    """An unlit surface is matte, and named; a hidden node and its children are left out, as they should be."""
+    # points, lines and morph targets are left out
+    file = File().mesh()
+    file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1, 3)]
+    file.json["meshes"][0]["weights"] = [0, 1]
+    named = r"left out: morphed mesh \(shown as it is modelled\), set of points or lines \(3\)$"
+    with pytest.warns(SceneWarning, match=named):
+        assert len(file.load(tmp_path).parts) == 2  # with the default lamp's
+    # an unlit surface is matte, and named; a hidden node and its children are left out, as they should be
     unlit = {"KHR_materials_unlit": {}}
     file = File().mesh({"extensions": unlit, "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.4, 0.6, 1]}})
     file.json["nodes"].append({"children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}})

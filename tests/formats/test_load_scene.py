@@ -227,7 +227,7 @@ def test_up_of_the_default_camera(tmp_path) -> None:
         np.testing.assert_allclose(values, SOFT_SKY[::-1], atol=0.02)
 
 
-def test_triangles_without_area_are_left_out(tmp_path) -> None:
+def test_triangles_that_warn(tmp_path) -> None:
     """Points and lines, also by rounding; a warning has their number. Nothing but them is an error."""
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0.1 0.2 0.3\nv 0.3 0.6 0.9\nv 0.7 1.4 2.1\n"
     (tmp_path / "a.obj").write_text(f"{corners}f 1 2 3\nf 2 2 3\nf 4 5 6\nf 1 1 1\n")
@@ -237,6 +237,22 @@ def test_triangles_without_area_are_left_out(tmp_path) -> None:
     (tmp_path / "b.obj").write_text(f"{corners}f 4 5 6\n")
     with pytest.raises(ValueError, match=r"mesh must have a triangle with an area .*; got 1 without an area"):
         load_scene(tmp_path / "b.obj")
+    # Once, when the scene is made: not by its crops and renders in other units
+    image = Image(np.random.default_rng(1).random((4, 4, 3)))
+    bare = Mesh(1e6 * BOX.vertices, BOX.faces)
+    for material in (matte(image), plastic(roughness=Image(np.array([[[0.1], [0.2]]])))):
+        with pytest.warns(SceneWarning, match="1 of 2 parts have an image texture and no texture coord") as caught:
+            scene = load_scene(bare, (4, 4), material=material)
+        assert len(caught) == 1 and f"(the first: {material.name}, 12 triangles)" in str(caught[0].message)
+    render(scene.crop((0, 0, 4, 2)), "balance", 2, parallel=1)
+    assert scene.plan.groups
+    pickle.loads(pickle.dumps(scene))
+    with pytest.warns(SceneWarning, match="texture coordinates"):
+        Scene(scene.camera, scene.parts, scene.lights)
+    # what has coordinates, or the same colour everywhere
+    load_scene(quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=matte(image))
+    load_scene(bare, material=matte(Image(np.full((2, 2, 3), 0.5))))
+    load_scene(bare, material=matte(0.5))
 
 
 # What is not read, or not as it may be meant
@@ -276,25 +292,6 @@ def test_materials_of_mesh_files_that_are_not_read_are_named(tmp_path, capsys):
             assert main(["info", str(path), "--resolution", "8x8"]) == 0
         output = capsys.readouterr()
         assert f"not read from the file: {named}\n" in output.out and f"left out: {named}" in output.err
-
-
-def test_an_image_on_a_mesh_without_texture_coordinates_warns():
-    """Once, when the scene is made: not by its crops and renders in other units."""
-    image = Image(np.random.default_rng(1).random((4, 4, 3)))
-    bare = Mesh(1e6 * BOX.vertices, BOX.faces)
-    for material in (matte(image), plastic(roughness=Image(np.array([[[0.1], [0.2]]])))):
-        with pytest.warns(SceneWarning, match="1 of 2 parts have an image texture and no texture coord") as caught:
-            scene = load_scene(bare, (4, 4), material=material)
-        assert len(caught) == 1 and f"(the first: {material.name}, 12 triangles)" in str(caught[0].message)
-    render(scene.crop((0, 0, 4, 2)), "balance", 2, parallel=1)
-    assert scene.plan.groups
-    pickle.loads(pickle.dumps(scene))
-    with pytest.warns(SceneWarning, match="texture coordinates"):
-        Scene(scene.camera, scene.parts, scene.lights)
-    # what has coordinates, or the same colour everywhere
-    load_scene(quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=matte(image))
-    load_scene(bare, material=matte(Image(np.full((2, 2, 3), 0.5))))
-    load_scene(bare, material=matte(0.5))
 
 
 # Models that emit -----------------------------------------------------------------------------------------------------

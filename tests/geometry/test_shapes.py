@@ -221,6 +221,20 @@ def test_loop_normals_converge_to_those_of_fine_triangles(cage):
     assert not len(boundary) or np.median(boundary) < 0.05
 
 
+def test_loop_boundary_tangents_on_a_regular_half_ring():
+    """On flat half rings of any valence S runs along the boundary, T inwards, and both ignore where the origin is."""
+    masks = subdivision._tangent_masks(9)[1]
+    for n in range(2, 10):
+        angle = np.pi * np.arange(n) / (n - 1)
+        weights = masks[n, :n]
+        ring = np.exp(1j * angle)
+        s, t = weights.real @ ring, weights.imag @ ring  # complex numbers stand for points of the plane
+        assert s == pytest.approx(2)
+        if n > 2:  # two neighbours on a straight boundary have nothing inwards
+            assert t.real == pytest.approx(0, abs=1e-12) and t.imag > 0.5
+    np.testing.assert_array_equal(masks[4, :4].imag, [-1, 2, 2, -1])
+
+
 # Bézier patches and quadrics
 
 

@@ -145,7 +145,7 @@ def test_triangles_of_a_picture_are_sampled_by_their_light(dark: bool) -> None:
 # Environment -------------------------------------------------------------------------------------------------------
 
 
-def test_environment_orientation() -> None:
+def test_environment_directions_and_scale() -> None:
     """``u = phi / 2 pi`` from +x towards +y, ``v = theta / pi`` from +z, as in pbrt-v2; texel centres are exact."""
     sky = EnvironmentLight(RANDOM_SKY)
     for row, column in ((0, 0), (2, 5), (7, 15), (4, 8)):
@@ -156,10 +156,7 @@ def test_environment_orientation() -> None:
     for x, sides in ((-1.0, [7, 8]), (1.0, [0, 15])):
         light_sample = sky.radiance(columns(np.array([x, 0, 0])))[:, 0]
         np.testing.assert_allclose(light_sample, RANDOM_SKY[3:5, sides].mean(axis=(0, 1)), atol=1e-5)
-
-
-def test_environment_rotation_and_scale() -> None:
-    """A rotated map is the map seen along rotated directions, times the scale; a few roundings times the contrast 1."""
+    # a rotated map is the map seen along rotated directions, times the scale; a few roundings times the contrast 1
     w = np.stack([polar(d, a) for d in (10, 60, 100) for a in (0, 100, 210)], axis=1).astype(np.float32)
     plain, tilted = EnvironmentLight(RANDOM_SKY), LIGHTS["tilted sky"]
     turned = np.ascontiguousarray((TILT @ w).astype(np.float32))
@@ -197,17 +194,6 @@ def test_environment_density_by_hand(share: float | None, wrap: Literal["clamp",
     np.testing.assert_allclose(density, expected.ravel() * 128, rtol=1e-4)
 
 
-def test_compensated_skies_have_tables_of_their_own() -> None:
-    """Although the plain sky has made its own before."""
-    sky, p = EnvironmentLight(RANDOM_SKY), columns(np.zeros(3), 500)
-    sky.sample(p, uniforms(500))
-    samples = (
-        light.sample(p, uniforms(500))
-        for light in (sky.compensated(0.6), EnvironmentLight(RANDOM_SKY, compensation=0.6))
-    )
-    np.testing.assert_array_equal(*(light_sample.wi for light_sample in samples))
-
-
 @pytest.mark.parametrize("pole", [0, 180])
 def test_environment_density_near_the_poles(pole: float) -> None:
     """Within a texel it is one over the sine of the polar angle, for given directions and for samples."""
@@ -221,16 +207,6 @@ def test_environment_density_near_the_poles(pole: float) -> None:
     np.testing.assert_allclose(light_sample.pdf, met.pdf, rtol=0.05)  # pi is rounded by 9e-8, and the angle is 4e-6
 
 
-def test_environment_samples_reach_dark_texels() -> None:
-    """Beside a sun 224 texels share 2^-22 of the first number, of which float32 has four values there."""
-    texels = np.ones((16, 32, 1))
-    texels[8, 3] = 1e9
-    u = np.stack([np.repeat(np.arange(4) * 2.0**-24, 2**12), np.tile(np.linspace(0, 1 - 2**-12, 2**12), 4)])
-    x, y, z = EnvironmentLight(texels).sample(np.zeros((3, 2**14), np.float32), u.astype(np.float32)).wi
-    texel = np.stack([np.arctan2(y, x) % (2 * np.pi) * 16 / np.pi, np.arccos(z) * 16 / np.pi]).astype(int)
-    assert len(np.unique(texel[:, texel[1] < 7], axis=1).T) == 224
-
-
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, -1e-8, 0), (1e-8, 0, 1)])
 def test_environment_poles_and_seam_are_finite(direction: tuple[float, float, float]) -> None:
     """No NaN at the poles, where sin(theta) is 0, nor at the seam, and no index outside the map."""
@@ -239,7 +215,7 @@ def test_environment_poles_and_seam_are_finite(direction: tuple[float, float, fl
         assert np.isfinite(light_sample.pdf).all() and np.isfinite(light_sample.radiance).all()
 
 
-def test_environment_search_is_a_binary_search() -> None:
+def test_tables_of_environments() -> None:
     """Texels of any u are those that a search of the cumulative sum finds, for a map of extreme contrast."""
     texels = np.random.default_rng(2).random((16, 32, 3)) ** 40
     texels[5:9] = 0
@@ -249,6 +225,21 @@ def test_environment_search_is_a_binary_search() -> None:
     u = u[u < 1]
     expected = np.minimum(np.searchsorted(cdf, u, side="right"), len(cdf) - 1)
     np.testing.assert_array_equal(sky._texel(u), expected)
+    # Beside a sun 224 texels share 2^-22 of the first number, of which float32 has four values there
+    texels = np.ones((16, 32, 1))
+    texels[8, 3] = 1e9
+    u = np.stack([np.repeat(np.arange(4) * 2.0**-24, 2**12), np.tile(np.linspace(0, 1 - 2**-12, 2**12), 4)])
+    x, y, z = EnvironmentLight(texels).sample(np.zeros((3, 2**14), np.float32), u.astype(np.float32)).wi
+    texel = np.stack([np.arctan2(y, x) % (2 * np.pi) * 16 / np.pi, np.arccos(z) * 16 / np.pi]).astype(int)
+    assert len(np.unique(texel[:, texel[1] < 7], axis=1).T) == 224
+    # although the plain sky has made its own before
+    sky, p = EnvironmentLight(RANDOM_SKY), columns(np.zeros(3), 500)
+    sky.sample(p, uniforms(500))
+    samples = (
+        light.sample(p, uniforms(500))
+        for light in (sky.compensated(0.6), EnvironmentLight(RANDOM_SKY, compensation=0.6))
+    )
+    np.testing.assert_array_equal(*(light_sample.wi for light_sample in samples))
 
 
 # Lights of one direction -------------------------------------------------------------------------------------------

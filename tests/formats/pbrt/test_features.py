@@ -176,7 +176,7 @@ def test_twosided_lamps_shine_on_both_sides(read, dialect, shape):
     assert mean(scene, 4).min() > 0.3
 
 
-def test_spectra_and_textures_of_materials(read):
+def test_spectra_textures_and_spots(read):
     with pytest.warns(PbrtWarning, match="index of refraction that differs with the wavelength.*'eta' of Material"):
         glass = lobes(read("v4", 'Material "dielectric" "spectrum eta" "glass-BK7"'))
     assert glass[0].fresnel.eta == 1.5168
@@ -187,9 +187,7 @@ def test_spectra_and_textures_of_materials(read):
     for dialect, expected in (("v2", 0), ("v3", 0.5)):
         scene = read(dialect, f'{red} Material "matte" "texture Kd" "t" {green}')
         assert lobes(scene)[0].reflectance[0] == expected
-
-
-def test_spots_of_v4_fall_off_smoothly(read):
+    # spots of v4 fall off smoothly
     (spot,) = read("v4", 'LightSource "spot" "rgb I" [2 2 2] "float coneangle" 40 "float conedeltaangle" 10').lights
     angles = np.radians([0, 29, 33, 37, 41])
     p = np.stack([np.sin(angles), 0 * angles, np.cos(angles)]).astype(np.float32)
