@@ -67,6 +67,14 @@ def test_ratio_of_equal_and_proportional_values():
     error = log_ratio(baseline, baseline[::-1])[1]
     assert ratio(baseline, baseline[::-1])[1] == pytest.approx(4.30265 * error)  # of Student's t with two degrees
     assert ratio(baseline[:1], baseline[:1])[0] == 1 and np.isnan(ratio(baseline[:1], baseline[:1])[1])
+    # two pairs: leaving out one leaves ln(1/4) or ln(3/2), so the jackknife's error is half of their difference.
+    # ln(mean(1, 3) / mean(4, 2)) = ln(2/3); thetas are ln(3/2) and ln(1/4), (K - 1) var = (ln 6 / 2)^2 for K = 2
+    value, error = log_ratio(np.array([1.0, 3.0]), np.array([4.0, 2.0]))
+    assert (value, error) == pytest.approx((np.log(2 / 3), np.log(6) / 2))
+    turned = log_ratio(np.array([4.0, 2.0]), np.array([1.0, 3.0]))
+    assert turned == pytest.approx((-value, error))
+    assert np.isnan(log_ratio(np.array([1.0]), np.array([2.0]))[1])
+    assert np.isnan(log_ratio(np.array([3.0, -1.0]), np.array([1.0, 1.0]))).all()  # the mean without the first is -1
 
 
 @pytest.mark.parametrize("together, shape", [(1, (160, 160)), (4, (171, 228)), (8, (104, 103))])
@@ -84,19 +92,6 @@ def test_error_of_pixels_that_go_together(shape, together):
     assert mean_over_blocks(np.full(shape, 3.0)) == (3, 0)
     assert ratio_over_blocks(2 * one, one) == pytest.approx((2, 0))
     assert mean_over_blocks(np.arange(6.0).reshape(2, 3))[0] == 2.5
-
-
-def test_log_ratio_by_hand():
-    """Two pairs: leaving out one leaves ln(1/4) or ln(3/2), so the jackknife's error is half of their difference.
-
-    ln(mean(1, 3) / mean(4, 2)) = ln(2/3); thetas are ln(3/2) and ln(1/4), (K - 1) var = (ln 6 / 2)^2 for K = 2.
-    """
-    value, error = log_ratio(np.array([1.0, 3.0]), np.array([4.0, 2.0]))
-    assert (value, error) == pytest.approx((np.log(2 / 3), np.log(6) / 2))
-    turned = log_ratio(np.array([4.0, 2.0]), np.array([1.0, 3.0]))
-    assert turned == pytest.approx((-value, error))
-    assert np.isnan(log_ratio(np.array([1.0]), np.array([2.0]))[1])
-    assert np.isnan(log_ratio(np.array([3.0, -1.0]), np.array([1.0, 1.0]))).all()  # the mean without the first is -1
 
 
 @pytest.mark.parametrize("sigma, seeds", [(0.1, 3), (1.0, 5)])

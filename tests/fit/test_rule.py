@@ -289,13 +289,21 @@ def test_a_default_that_is_given_is_not_replaced(box: dmis.Scene, name: str) -> 
         assert not settings.explicit and getattr(merge_settings(settings, box, rule)[0], name) == other
 
 
-def test_open_fields_read_as_their_defaults() -> None:
+def test_open_fields_read_as_their_defaults(capsys: pytest.CaptureFixture[str]) -> None:
     """Or as the preset's values; equality and ``repr`` are those of plain values, ``auto`` is not given."""
     settings = dmis.Settings()
     assert (settings.shading_samples, settings.combiner) == (2, "balance") and "combiner='balance'" in repr(settings)
     assert settings == dmis.Settings(combiner="balance", sampler="auto") and not dmis.Settings(sampler="auto").explicit
     assert dmis.Settings(preset="nearest", sampler="auto").sampler == "lowdiscrepancy"
     assert replace(dmis.Settings(preset="nearest"), preset=None) == settings
+    # a line for each setting; what conflicts ends the command
+    scene = ["info", "teapot-area-light", "--resolution", "16x12", "--rule"]
+    assert main([*scene, "thesis:combiner=power", "--preset", "nearest", "--max-depth", "3"]) == 0
+    decided = [line.strip() for line in capsys.readouterr().out.partition("who decides")[2].splitlines()[1:]]
+    assert len(decided) == len(DEFAULTS)
+    assert {"combiner: 'power', rule", "max_depth: 3, caller", "sampler: 'lowdiscrepancy', preset"} <= set(decided)
+    assert {"integrator: 'direct', scene", "reuse_pilot: False, default"} <= set(decided)
+    assert main([*scene, "thesis:sampler=sobol", "--sampler", "stratified"]) == 2
 
 
 @pytest.mark.parametrize(("winner", "loser"), [*combinations(("caller", "rule", "preset", "scene", "default"), 2)])
@@ -309,14 +317,3 @@ def test_precedence(box: dmis.Scene, winner: str, loser: str, monkeypatch: pytes
     scene = box.changed(suggested=dmis.Suggestions("direct", depth["scene"]))
     merged, sources = merge_settings(settings, scene, needing(max_depth=depth["rule"] or "auto"))
     assert (merged.max_depth, sources["max_depth"]) == (of[winner], winner)
-
-
-def test_info_says_who_decides(capsys: pytest.CaptureFixture[str]) -> None:
-    """A line for each setting; what conflicts ends the command."""
-    scene = ["info", "teapot-area-light", "--resolution", "16x12", "--rule"]
-    assert main([*scene, "thesis:combiner=power", "--preset", "nearest", "--max-depth", "3"]) == 0
-    decided = [line.strip() for line in capsys.readouterr().out.partition("who decides")[2].splitlines()[1:]]
-    assert len(decided) == len(DEFAULTS)
-    assert {"combiner: 'power', rule", "max_depth: 3, caller", "sampler: 'lowdiscrepancy', preset"} <= set(decided)
-    assert {"integrator: 'direct', scene", "reuse_pilot: False, default"} <= set(decided)
-    assert main([*scene, "thesis:sampler=sobol", "--sampler", "stratified"]) == 2

@@ -66,6 +66,13 @@ def test_numbers_are_in_proportion_to_the_density_on_average() -> None:
     np.testing.assert_allclose(mean, share * (50 / share.mean()), rtol=0.02)
     with pytest.raises(ValueError, match="camera samples must be at most 65536 per pixel"):
         whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(1))
+    # lights without variance or cost
+    zero = np.zeros((3, 2))
+    halvings, of_variance, of_cost = light_halvings(zero, np.ones((3, 2)), np.ones(2), 1.4)
+    assert (halvings == 3).all() and np.isfinite(of_variance).all() and (of_cost == (1 + 3 / 8) / 4).all()
+    assert light_halvings(zero[1:], np.ones((2, 2)), np.ones(2), 1.4)[0].tolist() == [[0, 0], [3, 3]]  # the only lamp
+    halvings, of_variance, of_cost = light_halvings(np.ones((3, 2)), zero, np.ones(2), 1.4)
+    assert not halvings.any() and (of_variance == 1).all() and (of_cost == 1).all()
 
 
 @pytest.mark.parametrize("spp", [2, 7, 122, 1000])
@@ -93,12 +100,3 @@ def test_light_halvings_are_near_the_best(exponent: float) -> None:
     found, without = error(2.0 ** -halvings.astype(float)), error(np.ones(3))
     np.testing.assert_allclose(of_variance * of_cost**exponent, found / without)
     assert (found / best).max() < 1.25 and np.median(found / best) < 1.03 and (found / without).max() < 1.1
-
-
-def test_lights_without_variance_or_cost() -> None:
-    zero = np.zeros((3, 2))
-    halvings, of_variance, of_cost = light_halvings(zero, np.ones((3, 2)), np.ones(2), 1.4)
-    assert (halvings == 3).all() and np.isfinite(of_variance).all() and (of_cost == (1 + 3 / 8) / 4).all()
-    assert light_halvings(zero[1:], np.ones((2, 2)), np.ones(2), 1.4)[0].tolist() == [[0, 0], [3, 3]]  # the only lamp
-    halvings, of_variance, of_cost = light_halvings(np.ones((3, 2)), zero, np.ones(2), 1.4)
-    assert not halvings.any() and (of_variance == 1).all() and (of_cost == 1).all()

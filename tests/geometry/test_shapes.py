@@ -113,6 +113,12 @@ def test_concatenate_mixed():
     np.testing.assert_allclose(mesh.vertices[mesh.faces[-2:]], flat.vertices[flat.faces])
     assert not mesh.uv[len(smooth.vertices) :].any()
     assert concatenate([flat, flat]).normals is None
+    # zero normals in a file are mended
+    normals = OCTAHEDRON[0].copy()
+    normals[2], normals[3] = 0, np.nan
+    thing = trimesh.Trimesh(*OCTAHEDRON, process=False)
+    thing.vertex_normals = normals
+    np.testing.assert_allclose(from_trimesh(thing).normals, OCTAHEDRON[0], atol=1e-12)
 
 
 # Transforms
@@ -345,14 +351,6 @@ def test_scene_graph_is_applied(monkeypatch):
     monkeypatch.setattr("dmis.formats.model.MAX_FACES", 15)
     with pytest.raises(ValueError, match="at most 15 triangles, because instances are copied"):
         placed_geometries(scene)
-
-
-def test_zero_normals_in_a_file_are_mended():
-    normals = OCTAHEDRON[0].copy()
-    normals[2], normals[3] = 0, np.nan
-    thing = trimesh.Trimesh(*OCTAHEDRON, process=False)
-    thing.vertex_normals = normals
-    np.testing.assert_allclose(from_trimesh(thing).normals, OCTAHEDRON[0], atol=1e-12)
 
 
 # Faults

@@ -15,10 +15,15 @@ from dmis.testing.sphere import columns, uniforms
 from dmis.testing.statistics import FALSE_ALARM, chi2_p, level, z_limit
 
 
-def test_levels_add_up() -> None:
+def test_levels_and_integrals() -> None:
     """So many independent tests fail with the probability of a false alarm."""
     assert 1 - (1 - level(20)) ** 20 == pytest.approx(FALSE_ALARM, rel=1e-9)
     assert z_limit(0.05) == pytest.approx(1.959964, abs=1e-6)
+    # the integral of the cosine over a hemisphere, pi, and of a step that falls between nodes
+    cells = Cells(square_to_sphere(uniforms(1000)), np.ones(1000))
+    for values, exact in ((np.maximum(cells.nodes[2], 0), np.pi), (cells.nodes[2] > 0.99, 0.02 * np.pi)):
+        integral, variance = (part.sum() for part in cells.integrate(values))
+        assert abs(integral - exact) < 4 * np.sqrt(variance) < 0.5 * exact
 
 
 def test_p_values_are_uniform() -> None:
@@ -65,14 +70,6 @@ def test_faults_of_densities_are_described() -> None:
     text = DensityView(w, lambda d: np.full(d.shape[1], 0.25 / np.pi), np.ones(w.shape[1], bool)).describe()
     wi = [float(x) for x in text[text.index("(") + 1 : text.index(")")].split(", ")]
     assert wi[1] > 0.8 and ": 0 directions" in text
-
-
-def test_cells_integrate_with_an_error() -> None:
-    """The integral of the cosine over a hemisphere, pi, and of a step that falls between nodes."""
-    cells = Cells(square_to_sphere(uniforms(1000)), np.ones(1000))
-    for values, exact in ((np.maximum(cells.nodes[2], 0), np.pi), (cells.nodes[2] > 0.99, 0.02 * np.pi)):
-        integral, variance = (part.sum() for part in cells.integrate(values))
-        assert abs(integral - exact) < 4 * np.sqrt(variance) < 0.5 * exact
 
 
 def test_require_lists_what_failed() -> None:
