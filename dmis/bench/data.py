@@ -178,6 +178,10 @@ def read_truth(path: Path) -> Truth:
                 f"blocks must be 1, or a multiple of {GROUPS}, {PATCH} n pixels high; got {blocks} in {height}"
             )
         curves: dict[str, Any] = _checked("curves", arrays, (height, width))
+        free = (curves["cost"] == 0).any(axis=0) & (curves.get("weight", 1) > 0)
+        if free.any():
+            y, x = np.argwhere(free)[0].tolist()
+            raise ValueError(f"array 'cost' must be above 0 in patches of a weight above 0; got 0 in patch ({y}, {x})")
     return Truth(**{name: a.astype(np.float64) for name, a in curves.items()}, shape=(height, width), blocks=blocks)
 
 

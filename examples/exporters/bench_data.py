@@ -8,7 +8,8 @@ the converged variances and toy-0.npz with the pilots of seed 0, in plain NumPy:
 
 A file may also hold B blocks of a larger image: of one height, one below the other. Then `about` of the converged
 variances is ``[H, W, B]``, and rules treat each block as an image. The array `weight` (R, C) holds the number of pixels
-of the larger image that each patch represents. Patches of weight 0 are not judged, but filters use them as neighbours.
+of the larger image that each patch represents. Patches of weight 0 are not judged, and their curves may be 0; filters
+use their pilots and features as neighbours.
 """
 
 import hashlib

@@ -319,13 +319,14 @@ def test_renders_of_a_rule() -> None:
 @pytest.fixture
 def blocks(tmp_path: Path) -> Path:
     """Twelve blocks of two patches: one that is judged, with V = k + 1 at w = 0.5 in block k, which stands for 16, 32,
-    ... pixels, and context with the weight 0 whose V is huge.
+    ... pixels, and context with the weight 0 whose V is huge and whose cost is 0, as benchmarks/mis_bench.py writes it.
     """
     number = np.arange(12.0)
     curves = np.stack([np.abs(GRID[:, None] - 0.16) + number + 0.66, np.full((len(GRID), 12), 1e9)], axis=-1)
     variance = np.broadcast_to(curves, (2, 2, *curves.shape))
     weight = np.stack([16 * (number + 1), np.zeros(12)], axis=-1)
-    truth = Truth(variance, np.ones((2, 12, 2)), np.ones((len(GRID), 12, 2)), (48, 8), weight, 12)
+    cost = np.broadcast_to([1.0, 0.0], (len(GRID), 12, 2))
+    truth = Truth(variance, np.ones((2, 12, 2)), cost, (48, 8), weight, 12)
     write_truth(tmp_path / "blocks.npz", truth)
     table = dmis.samples(shared_scene("teapot-area-light", (8, 48)), spp=6, shading_samples=4, sampler="independent")
     pilots = Pilots({w: replace(table, w=np.full_like(table.w, w)) for w in (0.0, 0.5, 1.0)}, {})
@@ -458,6 +459,7 @@ def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
     ("-0 0.5 f", lambda f: f * np.nan, r"'0.5 f' must have shape \(N 3\).* from nan to nan"),
     ("-0 0.5 technique", lambda t: t + 0.0, "'0.5 technique' must .* integer values from -1 to 1; got .* float64"),
     ("-0 feature normal", lambda n: n[:, 1:], r"'feature normal' must have shape \(3 R C\) = \(3, 5, 6\)"),
+    (" cost", lambda cost: cost * (np.arange(5)[:, None] != 3), r"'cost' must be above 0 in .* got 0 in patch \(3, 0\)"),
     (" about", lambda about: [18], "H and W, must be two numbers"),
     (" about", lambda about: [18, 24, 5], "blocks must be 1, or a multiple of 12"),
 ])  # fmt: skip
