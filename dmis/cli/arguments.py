@@ -196,7 +196,7 @@ COMMANDS: Mapping[str, Command] = {
             "windows in pixels, of one size (default: two, where the rules differ most)", CROP, (), nargs="+",
             metavar="x0,y0,x1,y1",
         ),
-        "--metric": METRIC,
+        "--metric": _option(f"{METRIC['help']}; of a table: relmse or mse (default: both)", str, "", metavar="M"),
         "--exposure": _option("factor of the images (default 1)", POSITIVE, 1.0, metavar="X"),
         "--width": _option("inches: 7 for a page (default), 3.33 for a column", _number(2, 20, float), 7, metavar="IN"),
         "--errors": _flag("also draw maps of errors, on one scale"),

@@ -17,7 +17,7 @@ from dmis.fit.registry import make_rule
 from dmis.pipeline.job import DEFAULT_SPP
 from dmis.report.compare import can_draw, check_output, parse_rules, split_rules
 from dmis.report.compare import compare as compare_rules
-from dmis.report.tables import STYLES, overview, paper_table, summary
+from dmis.report.tables import PAPER, STYLES, overview, paper_table, paper_titles, summary
 from dmis.report.templates import write_page
 from dmis.scene.scene import Scene
 
@@ -93,7 +93,8 @@ def figure(options: argparse.Namespace) -> int:
     rules = split_rules(options.rules) if options.rules else []
     if style in STYLES:
         comparison = read_comparison(options.folder)
-        text = paper_table(comparison, rules).text(style)
+        titles = paper_titles(options.metric) if options.metric else PAPER
+        text = paper_table(comparison, rules, titles).text(style)
         with replacing(options.output) as partial:
             partial.write_text(text, "utf-8")
         say(options.output, *filter(None, [comparison.few_pixels()]))
@@ -103,7 +104,7 @@ def figure(options: argparse.Namespace) -> int:
     from dmis.report.figure import write_figure  # imported where used: it brings matplotlib
 
     windows = write_figure(
-        read_comparison(options.folder), options.output, rules, options.crops, options.metric,
+        read_comparison(options.folder), options.output, rules, options.crops, options.metric or "relmse",
         exposure=options.exposure, width=options.width, errors=options.errors,
     )  # fmt: skip
     crops = " ".join(",".join(map(str, window)) for window in windows)

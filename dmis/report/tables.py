@@ -18,6 +18,8 @@ from dmis.experiment.table import Comparison
 ERRORS = tuple(MEASURES.values())
 OVER = ("", " / balance", "·CPU s / balance", " in equal time", " / pinned", "·CPU s / pinned")
 """Columns of a report's table of errors, each after the name of the measure."""
+TOO_FEW = "(–): too few seeds for intervals; compare with more --seeds"
+"""Line below a table with an interval that `dmis.experiment.convergence.Interval.is_wide`."""
 PAPER = ("spp", "rule", *(f"{name}{over}" for name in ERRORS for over in OVER[:3]), "CPU s")
 """Columns of a table for a paper."""
 SUMMARY = (*PAPER, *(f"{name}·CPU s / pinned" for name in ERRORS))
@@ -51,7 +53,8 @@ class Table:
     def text(self, style: str = ".md") -> str:
         """Return the table in a style of `STYLES`; LaTeX needs the package booktabs.
 
-        A ratio is bold only if its whole interval is below 1. In CSV the ends of an interval are columns.
+        A ratio is bold only if its whole interval is below 1. `TOO_FEW` follows if an interval is wide. In CSV the ends
+        of an interval are columns.
         """
         one_of("extension of a table", style, STYLES)
         if style == ".csv":
@@ -59,14 +62,15 @@ class Table:
         ends, bold, special = _MARKUP[style]
         head = [title.translate(special) for title in self.titles]
         rows = [self._texts(row, ends, bold, special) for row in self.rows]
+        note = [TOO_FEW] if any(isinstance(cell, Interval) and cell.is_wide for row in self.rows for cell in row) else []
         if style == ".md":
-            lines = [f"| {' | '.join(line)} |\n" for line in (head, *rows)]
-            return "".join([lines[0], "|---" * len(head) + "|\n", *lines[1:]])
+            first, *others = (f"| {' | '.join(line)} |\n" for line in (head, *rows))
+            return "".join([first, "|---" * len(head) + "|\n", *others, *(f"\n{line}\n" for line in note)])
         lines = [r"% needs \usepackage{booktabs}", rf"\begin{{tabular}}{{rl{'r' * (len(head) - 2)}}}", r"\toprule"]
         for before, line in zip(["", head, *rows], [head, *rows], strict=False):
             lines += [r"\midrule"] if before and line[0] != before[0] else []  # a thin line before each budget
             lines.append(" & ".join(line) + r" \\")
-        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", *(f"% {line}" for line in note), ""])
 
     def _texts(self, row: Sequence[str | Interval], ends: str, bold: str, special: Mapping[int, str]) -> list[str]:
         """Return the texts of a row in the markup of a style, see `_MARKUP`."""
@@ -132,6 +136,12 @@ def chosen_gains(c: Comparison, rules: Sequence[str] = (), spp: int = 0) -> list
                 f"{', '.join(names)}; got {name!r}{did_you_mean(name, names)}"
             )
     return [g for g in of_budget if (g.rule in rules if rules else g.rule != PINNED)]
+
+
+def paper_titles(metric: str) -> list[str]:
+    """Return the titles in `PAPER` without errors by other measures than `metric`, one of `MEASURES`."""
+    name = MEASURES[one_of("metric of a table", metric, MEASURES)]
+    return [title for title in PAPER if title.startswith(name) or not title.startswith(ERRORS)]
 
 
 def paper_table(c: Comparison, rules: Sequence[str] = (), titles: Sequence[str] = PAPER) -> Table:

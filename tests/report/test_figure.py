@@ -11,13 +11,13 @@ import pytest
 
 import dmis
 from dmis.cli.commands import main
-from dmis.experiment.convergence import gains
+from dmis.experiment.convergence import Interval, gains
 from dmis.experiment.metrics import flip, relative_error
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison, read_comparison
 from dmis.fit.registry import RULES
 from dmis.image import read_exr, write_exr
-from dmis.report.tables import paper_table
+from dmis.report.tables import TOO_FEW, Table, paper_table
 
 pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
@@ -132,10 +132,20 @@ def test_tables_are_bold_where_the_interval_allows(made: tuple[Comparison, Path]
     latex, markdown, numbers = (paper_table(comparison).text(style) for style in (".tex", ".md", ".csv"))
     assert latex.count(r"\textbf") == wins and markdown.count("**") == 2 * wins and wins < len(ratios)
     assert latex.count(r"\midrule") == 2 and r"\toprule" in latex and "thesis:patch=4" in latex
-    assert len(numbers.splitlines()) == 1 + len(rows) == len(markdown.splitlines()) - 1
+    assert len(numbers.splitlines()) == 1 + len(rows) == markdown.count("\n|")
     head, *cells = (line.split(",") for line in numbers.splitlines())
     low = float(cells[1][head.index("relmse_over_balance_low")])
     assert low == pytest.approx(rows[1].relmse.over_balance.low, rel=1e-4)
+
+
+@pytest.mark.parametrize("high", [0.02, 2e5, np.inf])
+def test_wide_intervals_are_a_dash_with_a_note(high: float) -> None:
+    """From two seeds an interval may reach from 0.00001 to 200,000, which says nothing; CSV keeps the ends."""
+    table = Table(["spp", "rule", "MSE / balance"], [["8", "thesis", Interval(0.015, 0.01, high)]])
+    latex, markdown, numbers = map(table.text, (".tex", ".md", ".csv"))
+    assert ("0.0150 (–)" in markdown) == ("0.0150 (–)" in latex) == (high > 1)
+    assert markdown.endswith(f"\n\n{TOO_FEW}\n") == latex.endswith(f"\n% {TOO_FEW}\n") == (high > 1)
+    assert numbers.endswith(f",0.01,{high:.5g}\n")
 
 
 def test_figure_command(made: tuple[Comparison, Path], tmp_path: Path, monkeypatch, capsys) -> None:
@@ -155,10 +165,14 @@ def test_figure_command(made: tuple[Comparison, Path], tmp_path: Path, monkeypat
     crops = ["--crops", "0,0,8,8", "9,9,17,17"]
     assert main(["figure", folder, "-o", str(tmp_path / "g.png"), *crops, "--metric", "mse", "--width", "3.5"]) == 0
     assert (tmp_path / "g.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["figure", folder, "-o", str(tmp_path / "m.csv"), "--metric", "mse"]) == 0
+    head = (tmp_path / "m.csv").read_text().splitlines()[0].split(",")
+    assert {"spp", "rule", "mse", "mse_over_balance", "cpu_seconds"} <= {*head} and "relmse" not in head
     for more, message in (
         (["--crops", "0,0,8,8", "9,9,18,17"], "crops of a figure must have one size; got 8x8, 9x8"),
         (["--crops", "10,10,8,8"], "a window must be (x0, y0, x1, y1) in pixels"),
         (["--metric", "psnr"], "metric must be relmse or mse or flip; got 'psnr'"),
+        (["-o", str(tmp_path / "x.md"), "--metric", "flip"], "metric of a table must be relmse or mse; got 'flip'"),
         (["-o", str(tmp_path / "x.gif")], "extension of a figure must be .pdf or .png or .svg or .html or .tex"),
         (["-o", str(tmp_path / "x.md"), "--rules", "pbr"], "got 'pbr', did you mean 'pbrt'"),
     ):
