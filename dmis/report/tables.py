@@ -62,7 +62,9 @@ class Table:
         ends, bold, special = _MARKUP[style]
         head = [title.translate(special) for title in self.titles]
         rows = [self._texts(row, ends, bold, special) for row in self.rows]
-        note = [TOO_FEW] if any(isinstance(cell, Interval) and cell.is_wide for row in self.rows for cell in row) else []
+        note = (
+            [TOO_FEW] if any(isinstance(cell, Interval) and cell.is_wide for row in self.rows for cell in row) else []
+        )
         if style == ".md":
             first, *others = (f"| {' | '.join(line)} |\n" for line in (head, *rows))
             return "".join([first, "|---" * len(head) + "|\n", *others, *(f"\n{line}\n" for line in note)])

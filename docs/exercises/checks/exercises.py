@@ -13,12 +13,15 @@ from pathlib import Path
 
 from apart import Limits, check_file
 from dmis.testing.outcome import line, summary
-from grading import EXERCISES
+from grading import EXERCISES, EXPONENTS
 from marks import mark_folder, table, write_csv
-from starters import starter
+from starters import other_task, starter
 
 for _name in ("one_batch", "monte_carlo", "sampling", "mis", "parabola", "pilot", "own", "paths"):
     import_module(f"check_{_name}")
+
+
+SEED_HELP = f"other numbers, and other tasks in exercises {', '.join(map(str, EXPONENTS))} (see --starter)"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -37,8 +40,11 @@ def main(arguments: list[str] | None = None) -> int:
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    failed = not all(outcome.passed for outcome in outcomes)
     print(*map(line, outcomes), summary(outcomes), sep="\n")
-    return int(not all(outcome.passed for outcome in outcomes))
+    if failed and (why := other_task(options.exercise, options.seed)):
+        print(why)
+    return int(failed)
 
 
 def _mark(folder: Path, file: Path | None, seed: int, limits: Limits) -> int:
@@ -60,7 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--folder", type=Path, help="check all files in it, such as anna_03.py or anna/03_light.py")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write the marks of --folder to FILE")
     parser.add_argument("--starter", help="print the starter of exercise N, with the parameters of --seed", **number)
-    parser.add_argument("--seed", type=int, default=0, help="other numbers and parameters than the published (0)")
+    parser.add_argument("--seed", type=int, default=0, help=f"0 (default): the published numbers; others: {SEED_HELP}")
     parser.add_argument("--seconds", type=float, default=20, help="CPU seconds of a hand-in (default 20)")
     parser.add_argument("--memory", type=float, default=2, metavar="GB", help="its memory limit (default 2)")
     return parser

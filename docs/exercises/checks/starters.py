@@ -21,6 +21,16 @@ CHANGES = {
 """Texts of starters, and what they become with an exponent e."""
 
 
+def other_task(number: int, seed: int) -> str:
+    """Return a sentence about the task of an exercise if a seed changes it; else an empty text."""
+    if not seed or number not in grading.EXPONENTS:
+        return ""
+    return (
+        f"With --seed {seed} exercise {number} has another task, which its published solution does not solve. "
+        f"--starter {number} --seed {seed} prints its starter"
+    )
+
+
 def starter(number: int, seed: int) -> str:
     """Return the text of a starter; with a seed, that of exercises 5, 7 and 20 has another exponent."""
     (path,) = FOLDER.glob(f"{number:02}_*.py")
