@@ -459,7 +459,7 @@ def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
     ("-0 0.5 f", lambda f: f * np.nan, r"'0.5 f' must have shape \(N 3\).* from nan to nan"),
     ("-0 0.5 technique", lambda t: t + 0.0, "'0.5 technique' must .* integer values from -1 to 1; got .* float64"),
     ("-0 feature normal", lambda n: n[:, 1:], r"'feature normal' must have shape \(3 R C\) = \(3, 5, 6\)"),
-    (" cost", lambda cost: cost * (np.arange(5)[:, None] != 3), r"'cost' must be above 0 in .* got 0 in patch \(3, 0\)"),
+    (" cost", lambda cost: cost * (np.arange(6) != 3), r"'cost' must be above 0 in .*; got 0 in patch \(0, 3\)"),
     (" about", lambda about: [18], "H and W, must be two numbers"),
     (" about", lambda about: [18, 24, 5], "blocks must be 1, or a multiple of 12"),
 ])  # fmt: skip
