@@ -18,8 +18,6 @@ Measure = Literal["relmse", "mse"]
 """Measure of error, a field of `dmis.experiment.runs.Run`."""
 MEASURES: dict[Measure, str] = {"relmse": "relMSE", "mse": "MSE"}
 """Names of the measures in tables; "error" alone is the first."""
-WIDEST = 100.0
-"""Largest ratio of the ends of an interval that tables print: beyond, there are too few seeds for an interval."""
 METRICS = {**{str(name): title for name, title in MEASURES.items()}, "flip": "FLIP"}
 """Measures of an image beside its reference, and their names."""
 
@@ -33,15 +31,13 @@ class Interval(NamedTuple):
 
     @property
     def is_wide(self) -> bool:
-        """Whether the ends are more than a factor of `WIDEST` apart."""
-        return self.high > WIDEST * self.low
+        """Whether the ends are more than a factor of 100 apart: there are too few seeds for an interval."""
+        return self.high > 100 * self.low
 
     def text(self, ends: str = "({} – {})") -> str:
         """Return the ratio and, if they are known, its `ends`; a dash for these if they are `is_wide`."""
         value, *limits = map(ratio_text, self)
-        if np.isnan(self.high):
-            return value
-        return f"{value} (–)" if self.is_wide else f"{value} {ends.format(*limits)}"
+        return value if np.isnan(self.high) else f"{value} {'(–)' if self.is_wide else ends.format(*limits)}"
 
 
 def ratio_text(value: float) -> str:

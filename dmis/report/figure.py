@@ -86,8 +86,9 @@ def _lines(gain: Gain, metric: str, errors: Array) -> tuple[str, ...]:
         return f"FLIP {errors.mean():.3f}", seconds
     measure = gain.relmse if metric == "relmse" else gain.mse
     value, low, high = measure.over_balance
-    is_known = np.isfinite(high) and not measure.over_balance.is_wide
-    over = [] if gain.rule == "balance" else [f"{value:.2f}×", *([f"({low:.2f}–{high:.2f})"] if is_known else [])]
+    over = [] if gain.rule == "balance" else [f"{value:.2f}×"]
+    if over and np.isfinite(high) and not measure.over_balance.is_wide:
+        over.append(f"({low:.2f}–{high:.2f})")
     return (f"{METRICS[metric]} {measure.error:.2e}".replace("e-0", "e-"), *over, seconds)
 
 

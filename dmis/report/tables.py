@@ -62,12 +62,12 @@ class Table:
         ends, bold, special = _MARKUP[style]
         head = [title.translate(special) for title in self.titles]
         rows = [self._texts(row, ends, bold, special) for row in self.rows]
-        note = (
-            [TOO_FEW] if any(isinstance(cell, Interval) and cell.is_wide for row in self.rows for cell in row) else []
-        )
+        is_wide = any("(–)" in text for row in rows for text in row)
+        note = [TOO_FEW] if is_wide else []
         if style == ".md":
-            first, *others = (f"| {' | '.join(line)} |\n" for line in (head, *rows))
-            return "".join([first, "|---" * len(head) + "|\n", *others, *(f"\n{line}\n" for line in note)])
+            lines = [f"| {' | '.join(line)} |\n" for line in (head, *rows)]
+            lines.insert(1, "|---" * len(head) + "|\n")
+            return "".join([*lines, *(f"\n{line}\n" for line in note)])
         lines = [r"% needs \usepackage{booktabs}", rf"\begin{{tabular}}{{rl{'r' * (len(head) - 2)}}}", r"\toprule"]
         for before, line in zip(["", head, *rows], [head, *rows], strict=False):
             lines += [r"\midrule"] if before and line[0] != before[0] else []  # a thin line before each budget

@@ -39,23 +39,8 @@ from mis_bench import (
     write_truth,
 )
 
-RULE = '''
-import numpy as np
-
-def rule(tables):
-    """Shares in proportion to what light samples bring more than BRDF samples, in patches of 4 pixels."""
-    table = tables[0.5]
-    rows, columns = (-(-n // 4) for n in table.shape)
-    y, x = np.divmod(table.pixel.astype(int), table.shape[1])
-    patch = y // 4 * columns + x // 4
-    q = (table.p_l + table.p_b) / 2
-    square = (table.f.mean(axis=1) / q) ** 2 * (table.technique >= 0)
-    light = np.bincount(patch, square * table.p_l / q, rows * columns)
-    brdf = np.bincount(patch, square * table.p_b / q, rows * columns)
-    share = np.clip((light + 1e-9) / (light + brdf + 2e-9), 0.1, 0.9)
-    share = np.kron(share.reshape(rows, columns), np.ones((4, 4)))
-    return share[: table.shape[0], : table.shape[1]]
-'''
+ROOT = Path(__file__).resolve().parents[2]
+RULE, *_ = (ROOT / "docs" / "mis-bench.md").read_text("utf-8").split("```python\n")[1].partition("\n\nif __name__")
 
 
 @pytest.mark.parametrize(
@@ -241,7 +226,7 @@ def test_scores_of_the_scene_that_comes_with_dmis() -> None:
 
 
 BLOCKED = "import sys; sys.modules.update(dict.fromkeys(('embreex', 'trimesh', 'OpenEXR')))\n"
-WRITER = (Path(__file__).resolve().parents[2] / "examples" / "exporters" / "bench_data.py").read_text("utf-8")
+WRITER = (ROOT / "examples" / "exporters" / "bench_data.py").read_text("utf-8")
 
 
 def test_scores_without_embree_trimesh_and_openexr(tmp_path: Path) -> None:
@@ -325,8 +310,7 @@ def blocks(tmp_path: Path) -> Path:
     curves = np.stack([np.abs(GRID[:, None] - 0.16) + number + 0.66, np.full((len(GRID), 12), 1e9)], axis=-1)
     variance = np.broadcast_to(curves, (2, 2, *curves.shape))
     weight = np.stack([16 * (number + 1), np.zeros(12)], axis=-1)
-    cost = np.broadcast_to([1.0, 0.0], (len(GRID), 12, 2))
-    truth = Truth(variance, np.ones((2, 12, 2)), cost, (48, 8), weight, 12)
+    truth = Truth(variance, np.ones((2, 12, 2)), np.broadcast_to(weight > 0, curves.shape), (48, 8), weight, 12)
     write_truth(tmp_path / "blocks.npz", truth)
     table = dmis.samples(shared_scene("teapot-area-light", (8, 48)), spp=6, shading_samples=4, sampler="independent")
     pilots = Pilots({w: replace(table, w=np.full_like(table.w, w)) for w in (0.0, 0.5, 1.0)}, {})
