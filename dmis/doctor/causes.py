@@ -9,13 +9,15 @@ that give the same table, such as p_l times 2 and p_b times 1/2 in all rows, hav
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dmis.base.vectors import Floats
-from dmis.doctor.evidence import Evidence, gather, misfit, p_value, solve
+from dmis.doctor.evidence import EXCHANGED, Evidence, gather, misfit, p_value, solve
+from dmis.doctor.means import tests
 from dmis.doctor.table import DoctorTable
 
 SCREENED, FITTED = 12_000, 200_000
@@ -28,16 +30,15 @@ LOG_FACTORS = np.log(2) * np.array([-3, -2, -1, 1, 2, 3])
 """Logarithms of factors that are tried first: those of two are the commonest."""
 STEPS, DELTA = 5, 0.01
 """Steps of the search for a factor, and the difference of its logarithm that a slope is taken over."""
-ABSENT = 50.0
-"""Logarithm of a factor of densities that takes rows out."""
-SURE = 5.0
-"""Standard errors of a fault that is sure to be named."""
+SURE, LEAST_Z = 5.0, 3.0
+"""Standard errors of a fault that is sure to be named; of fewer, a cause explains nothing (of many, one has 2)."""
 KINDS = {
     "": (("p_l", "p_b", "f"), ""),
     "light": (("p_l", "f"), ""),
     "lobe": (("p_b",), ""),
     "depth": ((), ""),
-    "missing": ((), "the branch that draws them fails or is not reached, or its rows are not written"),
+    "missing": ((), "the branch that draws them fails or is not reached, its rows are not written, or {zero} is 0"),
+    "ratio": ((EXCHANGED,), "both columns are written in the wrong order, or each branch calls its own density p_l"),
     "pdf": (("f",), "f is divided by a density already, or twice: write BRDF x radiance x cosine x visibility"),
     "cos_light": (("p_l",), "the light's cosine is forgotten, or there twice: p_l = d^2 / (area x cos)"),
     "cos/d^2": (("p_l",), "a density per area beside densities per solid angle: it must be times d^2 / cos"),
@@ -72,7 +73,7 @@ class Cause:
     factor, low, high
         Factor and its 95 % interval.
     misfit, p
-        Q, and the probability of a larger one if the cause is right.
+        Q, and the probability of a larger one, or of so large a test of means, if the cause is right.
     z
         Root of the difference to Q of no cause: by how many standard errors the cause is there.
     share
@@ -98,6 +99,8 @@ class Cause:
         if self.measure == "missing":
             technique = "light" if self.rows == "BRDF" else "BRDF"
             return f"{technique} samples{where} are missing, though {self.column} in {rows}{where} is positive"
+        if self.column == EXCHANGED:
+            return f"{self.column} in {rows} are exchanged"
         measure = f" x {'1 / ' if self.power < 0 else ''}({self.measure})" if self.measure else ""
         factor = f"{self.factor:.3g} ({self.low:.3g} to {self.high:.3g})"
         if self.column == "f" and self.rows == "all":  # both techniques share it
@@ -108,23 +111,23 @@ class Cause:
     def hint(self) -> str:
         """Where to look."""
         if self.measure:
-            return KINDS[self.measure.split(" ")[0]][1]
+            zero = "p_b in light" if self.rows == "BRDF" else "p_l in BRDF"
+            return KINDS[self.measure.split(" ")[0]][1].format(zero=f"{zero} rows of this {self.where.split(' ')[0]}")
         return HINTS.get(self.column) or HINTS.get(self.rows) or HINTS[""]
 
 
 def candidates(evidence: Evidence) -> Iterator[Cause]:
     """Yield all causes in question, see `KINDS`."""
     for name in ("", *evidence.labels, *evidence.measures):
+        measure, where = (name, "") if name in evidence.measures else ("", name)
         techniques = np.unique(evidence.is_light[evidence.labels.get(name, slice(None))])
         if len(techniques) == 1:  # no factor makes rows disappear
             yield Cause(*(("p_b", "light") if techniques[0] else ("p_l", "BRDF")), "missing", where=name)
             continue
         for column in KINDS[name.split(" ")[0]][0]:
             for rows in ("light", "BRDF") if column == "f" and name != "pdf" else ("light", "BRDF", "all"):
-                if name in evidence.measures:
-                    yield from (Cause(column, rows, name, power) for power in (1, -1))
-                else:
-                    yield Cause(column, rows, where=name)
+                powers = (1, -1) if measure and column != EXCHANGED else (1,)
+                yield from (Cause(column, rows, measure, power, where) for power in powers)
 
 
 def smallest_factors(table: DoctorTable, seed: int = 0) -> dict[str, float]:
@@ -135,7 +138,7 @@ def smallest_factors(table: DoctorTable, seed: int = 0) -> dict[str, float]:
 
 
 def name_causes(table: DoctorTable, seed: int = 0) -> list[Cause]:
-    """Return the causes that explain a table, likeliest first."""
+    """Return the causes that explain a table, likeliest first; none if no factor is `LEAST_Z` from 1."""
     few, evidence = gather(table, SCREENED, seed), gather(table, FITTED, seed)
     screened = {}
     for cause in candidates(evidence):
@@ -149,24 +152,37 @@ def name_causes(table: DoctorTable, seed: int = 0) -> list[Cause]:
     gains = {cause: step**2 * curvature for cause, (_, step, curvature) in steps.items()}
     small = sorted(gains, key=lambda cause: -gains[cause])[:KEPT]
     starts = {cause: np.log(screened.get(cause, cause).factor) for cause in (*best, *small)}
-    causes = [_fit(evidence, cause, [start]) for cause, start in starts.items()]
+    right = misfit(*evidence.moments())
+    fitted = (_fit(evidence, cause, [start]) for cause, start in starts.items())
+    causes = [cause for cause in fitted if cause.misfit < right - LEAST_Z**2]
 
     prior = np.array([LESS_LIKELY if cause.measure or cause.where else 1.0 for cause in causes])
-    share = prior * np.exp([(min(cause.misfit for cause in causes) - cause.misfit) / 2 for cause in causes])
-    m, covariance = evidence.moments()
-    right = misfit(m, covariance)
+    least = min((cause.misfit for cause in causes), default=0)
+    share = prior * np.exp([(least - cause.misfit) / 2 for cause in causes])
     weighed = [
-        replace(cause, share=float(s), z=max(right - cause.misfit, 0) ** 0.5, p=p_value(len(m) - 1, cause.misfit))
-        for cause, s in zip(causes, share / share.sum(), strict=True)
+        replace(cause, share=s, z=(right - cause.misfit) ** 0.5, p=_p_value(evidence, cause))
+        for cause, s in zip(causes, (share / share.sum()).tolist(), strict=True)
+        if s >= SHARE
     ]
-    return sorted((cause for cause in weighed if cause.share >= SHARE), key=lambda cause: -cause.share)
+    return sorted(weighed, key=lambda cause: -cause.share)
+
+
+def _p_value(evidence: Evidence, cause: Cause) -> float:
+    """Return the probability of the misfit once a cause is taken out, or of the largest test of means if it is less."""
+    shifted = evidence.shifted(cause.column, _shift(evidence, cause, np.log(cause.factor)))
+    f, a_l, a_b = (np.exp(shifted[name]) for name in ("f", "p_l", "p_b"))
+    mended = replace(evidence.table, f=f, a_l=a_l, a_b=a_b)
+    results = tests(mended.take(np.argsort(mended.sample, kind="stable")))
+    sizes = [abs(test.z) for test in results if test.trusted]
+    of_means = len(sizes) * math.erfc(max(sizes, default=0) / math.sqrt(2))
+    return min(of_means, p_value(len(evidence.functions()[0]) - 1, cause.misfit))
 
 
 def _shift(evidence: Evidence, cause: Cause, log_factor: float) -> Floats:
     """Return the logarithm by which a cause raises its column, ``(R,)``."""
     shift = np.full(len(evidence.is_light), log_factor, float)
     if cause.measure == "missing":
-        shift += ABSENT
+        shift += 50  # a factor so large takes rows out
     elif cause.measure:
         shift += cause.power * evidence.measures[cause.measure]
     if cause.where:

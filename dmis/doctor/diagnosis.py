@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -13,17 +14,19 @@ import numpy as np
 from dmis.bench.samples import SampleTable
 from dmis.doctor.causes import Cause, name_causes, smallest_factors
 from dmis.doctor.evidence import joint_test
-from dmis.doctor.means import LEAST_ROWS, Test, tests, z_limit
+from dmis.doctor.means import LEAST_ROWS, LEVEL, Test, tests
 from dmis.doctor.table import read_table
 
 UNEXPLAINED = 1e-3
 """Probability of a misfit below which a cause does not explain a table."""
+BEYOND = "drawn directions that do not follow their pdf, such as radius = u for sqrt(u) on a disk, "
+BEYOND += "a factor in some materials or in one lobe of a mixture, or two faults"
+"""Faults that no single factor explains."""
+WEIGHTS_UNSEEN = "the renderer's own weights are not seen: the doctor computes weights itself"
 JOINT_LEVEL = 0.003
 """Level of the joint test in each of both halves of the camera samples."""
 SHOWN, SHOWN_ON_PAGE = 6, 60
 """Tests of parts of the rows that the text shows, and the page, those of the largest z."""
-SCALE = 12.0
-"""Pixels of a bar of the page for each standard error."""
 STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}td,th{padding:2px 9px;text-align:left}"
 STYLE += "pre{white-space:pre-wrap}.bad{background:#c33}.ok{background:#693}.few{background:#aaa}"
 
@@ -43,7 +46,7 @@ class Diagnosis:
     notes
         Doubts about the table, and what absent columns would tell.
     causes
-        Causes that explain the table, likeliest first; none if nothing is wrong.
+        Causes that explain the table, likeliest first; none if nothing is wrong, or if no factor explains it.
     smallest
         By column and rows, relative error of a constant factor that would be named; none if something is wrong.
     """
@@ -73,23 +76,23 @@ class Diagnosis:
         light, brdf = self.rows
         verdict = "no fault was found" if any(test.trusted for test in self.tests) else "too few rows to tell"
         if not self.healthy:
-            unknown = "no cause that I know explains it: " if self.causes[0].p < UNEXPLAINED else ""
-            verdict = f"{unknown}densities or f contradict each other"
+            unknown = not self.causes or self.causes[0].p < UNEXPLAINED
+            verdict = f"{'no single factor explains it: ' * unknown}densities or f contradict each other"
         first = f"verdict: {verdict}, in {light:,} light samples and {brdf:,} BRDF samples that both could draw"
-        return "\n".join(
-            [first, *self._explanation(), "", *self._evidence(), *(f"note: {note}" for note in self.notes)]
-        )
+        notes = (f"note: {note}" for note in self.notes)
+        return "\n".join([first, *self._explanation(), "", *self._evidence(), *notes])
 
     def _explanation(self) -> Iterator[str]:
         """Yield lines about the causes."""
         if not self.causes:
+            yield WEIGHTS_UNSEEN if self.healthy else f"  hint: {BEYOND}; or a fault too small to be named"
             return
         best = self.causes[0]
         head = f"causes that explain it{', which give the same table' * (len(self.causes) > 1)}:"
         fit = f"nothing else is wrong once it is taken out (p = {best.p:.2g})"
         if best.p < UNEXPLAINED:
             head = "the nearest causes:"
-            fit = f"it does not explain all (p = {best.p:.1g}): expect a second fault, or one of some materials"
+            fit = f"it does not explain all (p = {best.p:.1g}): expect {BEYOND}"
         yield from ("", head, *(f"  {cause.share:4.0%}  {cause}" for cause in self.causes))
         yield f"how sure: z = {best.z:.1f}; {fit}"
         yield from (f"  hint: {hint}" for hint in dict.fromkeys(cause.hint for cause in self.causes))
@@ -129,7 +132,8 @@ def diagnose(table: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) ->
     rows = read_table(table)
     results = tests(rows)
     brdf = int((~rows.is_light).sum())
-    limit = z_limit(max(1, sum(test.trusted for test in results)))
+    count = max(1, sum(test.trusted for test in results))
+    limit = -NormalDist().inv_cdf(-np.expm1(np.log1p(-LEVEL) / count) / 2)
     result = Diagnosis(tuple(results), limit, joint_test(rows), (len(rows) - brdf, brdf), rows.notes)
     if not result.healthy:
         return replace(result, causes=tuple(name_causes(rows)))
@@ -141,7 +145,7 @@ def page(diagnosis: Diagnosis, name: str) -> str:
     rows = []
     for test in diagnosis.largest(SHOWN_ON_PAGE):
         kind = "few" if not test.trusted else "bad" if abs(test.z) > diagnosis.limit else "ok"
-        width = min(300.0, SCALE * abs(test.z))
+        width = min(300.0, 12 * abs(test.z))
         bar = f'<div class="{kind}" style="width:{width:.0f}px;height:10px"></div>'
         cells = (test.name, test.where, f"{test.difference:+.2%}", f"{test.z:+.1f}", f"{test.rows:,}")
         rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + f"<td>{bar}</td></tr>")

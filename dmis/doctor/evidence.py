@@ -16,7 +16,7 @@ import numpy as np
 
 from dmis.base.vectors import Array, Floats
 from dmis.doctor.means import LEAST_ROWS, TINIEST, expected_rows
-from dmis.doctor.table import DoctorTable
+from dmis.doctor.table import GEOMETRY, DoctorTable
 
 JOINT = 400_000
 """Rows of each half that is tested."""
@@ -24,9 +24,10 @@ SMALLEST = 1e-5
 """Least variance of a principal component that is tested, and what is added to all variances in a fit."""
 LIGHT_ROWS = 6
 """Light samples kept for each BRDF sample: more would not make differences more certain."""
+EXCHANGED = "p_l and p_b"
+"""What stands for a column if both densities are exchanged: p_l is lowered by a shift, and p_b raised."""
 LABELS_TOLD = 4
-"""Most lights, lobes or depths that have a mask of their own: those of the most rows, but first any that rows of one
-technique lack altogether."""
+"""Most lights, lobes or depths that have a mask: those of the most rows, but first any that one technique lacks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +36,10 @@ class Evidence:
 
     `blocks` are the numbers of first, second, ... rows; camera samples with more rows come first. `logs` has
     logarithms of densities (times numbers of samples) and of f, `measures` those of measures by name, and `labels`
-    masks by names such as ``light 3``; ``(R,)`` each.
+    masks by names such as ``light 3``; ``(R,)`` each. `table` has the same rows.
     """
 
+    table: DoctorTable
     is_light: Array
     blocks: Array
     logs: dict[str, Floats]
@@ -47,13 +49,20 @@ class Evidence:
     @cached_property
     def _fixed(self) -> Floats:
         """Functions of the direction that no factor changes: measures without outliers, and labels."""
-        measures = [np.clip(m - np.median(m), -3, 3) for name, m in self.measures.items() if name != "pdf"]
+        of_direction = (m for name, m in self.measures.items() if name not in ("pdf", "ratio"))
+        measures = [np.clip(m - np.median(m), -3, 3) for m in of_direction]
         # the first label may be 1 less the others
         return np.array([*measures, *[*self.labels.values()][1:]]).reshape(-1, len(self.is_light))
 
+    def shifted(self, column: str, shift: Floats | float) -> dict[str, Floats]:
+        """Return `logs` with those of a column lowered by `shift`."""
+        if column == EXCHANGED:
+            return self.logs | {"p_l": self.logs["p_l"] - shift, "p_b": self.logs["p_b"] + shift}
+        return self.logs | ({column: self.logs[column] - shift} if column else {})
+
     def functions(self, column: str = "", shift: Floats | float = 0.0) -> tuple[Floats, Floats]:
         """Return the functions g, ``(J, R)``, with the logarithm of a column lowered by `shift`, and h, ``(R,)``."""
-        logs = self.logs | ({column: self.logs[column] - shift} if column else {})
+        logs = self.shifted(column, shift)
         x = np.tanh((logs["p_l"] - logs["p_b"]) / 2)  # (a_l - a_b) / (a_l + a_b)
         # max(a_l, a_b) = (a_l + a_b) (1 + |x|) / 2: its logarithm takes a quarter of the time of logaddexp
         estimate = logs["f"] - np.maximum(logs["p_l"], logs["p_b"]) + np.log((1 + np.abs(x)) / 2)
@@ -142,11 +151,12 @@ def gather(table: DoctorTable, most: int, seed: int, half: int | None = None) ->
     counts = np.diff(starts, append=len(rows))
     rank = np.arange(len(rows)) - np.repeat(starts, counts)  # 0 for the first row of a camera sample
     rows = rows[np.lexsort((-np.repeat(counts, counts), rank))]
-    is_light, f, a_l, a_b = (a[rows] for a in (table.is_light, table.f, keep * table.a_l, table.a_b))
+    some = table.take(rows)
+    is_light, a_l, a_b = some.is_light, keep * some.a_l, some.a_b
     h = a_b / (a_l + a_b)
     labels: dict[str, Array] = {}
-    for name, column in table.labels.items():
-        values, part = np.unique(column[rows], return_inverse=True)
+    for name, column in some.labels.items():
+        values, part = np.unique(column, return_inverse=True)
         side = 2 * part + is_light
         counts = np.bincount(side, minlength=2 * len(values)).reshape(-1, 2)
         last = np.lexsort((counts.sum(axis=1), counts.min(axis=1) == 0))
@@ -154,25 +164,24 @@ def gather(table: DoctorTable, most: int, seed: int, half: int | None = None) ->
         for k in last[enough[last]][-LABELS_TOLD:] if len(values) > 1 else ():
             labels[f"{name} {values[k]}"] = part == k
     with np.errstate(divide="ignore"):  # f may be 0
-        logs = {"p_l": np.log(a_l), "p_b": np.log(a_b), "f": np.log(f)}
-    return Evidence(is_light, np.bincount(rank, minlength=1), logs, dict(measures(table, rows)), labels)
+        logs = {"p_l": np.log(a_l), "p_b": np.log(a_b), "f": np.log(some.f)}
+    return Evidence(some, is_light, np.bincount(rank, minlength=1), logs, dict(measures(some)), labels)
 
 
-def measures(table: DoctorTable, rows: Array) -> Iterator[tuple[str, Floats]]:
+def measures(table: DoctorTable) -> Iterator[tuple[str, Floats]]:
     """Yield logarithms of what formulas of densities have, by name, as far as the table has columns for it.
 
-    ``pdf`` of the technique that drew the row; ``cos_light`` and ``cos/d^2`` of the light, 1 of skies; ``cos`` of the
-    shading normal; ``normals``, the geometric normal's cosine over that; ``sin z``, the sine of the angle between the
-    direction and an axis, 1 of lights that are not skies.
+    ``pdf`` of the technique that drew the row; ``ratio`` of the densities; ``cos_light`` and ``cos/d^2`` of the light,
+    1 of skies; ``cos`` of the shading normal; ``normals``, the geometric normal's cosine over that; ``sin z``, the
+    sine of the angle between the direction and an axis, 1 of lights that are not skies.
     """
-    p_l, p_b = (np.asarray(table.given(name, rows), float) for name in ("p_l", "p_b"))
-    yield "pdf", np.log(np.where(table.is_light[rows], p_l, p_b))
-    direction = table.given("direction", rows)
+    log_p_l, log_p_b = (np.log(np.asarray(table.given(name), float)) for name in ("p_l", "p_b"))
+    yield "pdf", np.where(table.is_light, log_p_l, log_p_b)
+    yield "ratio", log_p_l - log_p_b
+    direction, normal, geometric, of_light, distance = map(table.given, GEOMETRY)
     if direction is None:
         return
-    columns = (table.given(name, rows) for name in ("normal", "geometric_normal", "distance", "light_normal"))
-    normal, geometric, distance, of_light = columns
-    sky = np.ones(len(rows), bool) if distance is None else np.isinf(distance)
+    sky = np.ones(len(table), bool) if distance is None else np.isinf(distance)
     if distance is not None and of_light is not None and not sky.all():
         cos = np.where(sky, 0, _log_cos(of_light, direction))
         yield "cos_light", cos

@@ -20,7 +20,6 @@ large ones skew it: z has Hall's correction (Hall, "On the Removal of Skewness b
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +32,7 @@ LEVEL = 0.01
 SPAN = 8.0
 """Largest ratio of the densities in the tests of w = 0 and w = 1."""
 LEAST_ROWS = 50.0
-"""Least number of rows that a test must expect of each technique, and of camera samples: of fewer, the sum is not
-normal."""
+"""Rows of each technique, and camera samples, that a test must expect at least: of fewer, the sum is not normal."""
 BLOCKS = 4
 """Blocks of pixels across and down."""
 MOST = 2_000_000
@@ -64,11 +62,6 @@ class Test(NamedTuple):
     def trusted(self) -> bool:
         """Whether few samples do not decide it."""
         return self.expected >= LEAST_ROWS
-
-
-def z_limit(tests: int) -> float:
-    """Return the limit of ``|z|`` of each of so many tests."""
-    return -NormalDist().inv_cdf(-np.expm1(np.log1p(-LEVEL) / tests) / 2)
 
 
 def expected_rows(h: Array, g: Array | float, side: Array, parts: int) -> Array:

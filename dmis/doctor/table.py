@@ -16,8 +16,6 @@ import numpy as np
 from dmis.base.vectors import Array, Floats
 from dmis.bench.samples import SampleTable
 
-VERSION = 1
-"""Version of the format."""
 LARGE = 2.0**31 - 1
 """Largest number of a pixel or a camera sample."""
 FINITE = float(np.finfo(np.float32).max)
@@ -44,7 +42,7 @@ class Column(NamedTuple):
 DRAWN = "how many are drawn for each camera sample; without one technique there is nothing to compare"
 DENSITY = "per solid angle, in every row; leave out delta lights and mirrors, which have none"
 COLUMNS = {
-    "version": Column("a whole number", "", VERSION, VERSION, "version of the format"),
+    "version": Column("a whole number", "", 1, 1, "version of the format"),
     "light_samples": Column("a number", "", 1e-6, FINITE, DRAWN),
     "brdf_samples": Column("a number", "", 1e-6, FINITE, DRAWN),
     "pixel": Column("whole numbers", "(R,)", 0, LARGE, "row x width + column, less than height x width"),
@@ -54,7 +52,7 @@ COLUMNS = {
     "p_l": Column("finite numbers", "(R,)", 0, FINITE, DENSITY),
     "p_b": Column("finite numbers", "(R,)", 0, FINITE, DENSITY),
     "light": Column("whole numbers", "(R,)", -LARGE, LARGE, "number of the light", "a fault of one light"),
-    "lobe": Column("whole numbers", "(R,)", -LARGE, LARGE, "number of the lobe or material", "one of a material"),
+    "lobe": Column("whole numbers", "(R,)", -LARGE, LARGE, "number of the material", "a fault of one material"),
     "depth": Column("whole numbers", "(R,)", -LARGE, LARGE, "number of the surface on the path", "one of a bounce"),
     "direction": Column("unit vectors", "(R, 3)", *UNIT, "from the surface to the light", "any cosine or sine"),
     "normal": Column("unit vectors", "(R, 3)", *UNIT, "shading normal", "a forgotten cosine of the surface"),
@@ -97,17 +95,22 @@ class DoctorTable:
     def __len__(self) -> int:
         return len(self.f)
 
+    def take(self, rows: Array) -> DoctorTable:
+        """Return some rows, by their numbers."""
+        names = ("is_light", "f", "a_l", "a_b", "sample", "pixel", "index")
+        columns = {name: getattr(self, name)[rows] for name in names}
+        labels = {name: label[rows] for name, label in self.labels.items()}
+        return replace(self, labels=labels, **columns)
+
     def thinned(self, most: int) -> DoctorTable:
         """Return the rows of every k-th camera sample, numbered anew, k so that they are about `most` at most."""
         k = max(1, -(-len(self) // most))
-        kept = np.flatnonzero(self.sample % k == 0)
-        columns = {name: getattr(self, name)[kept] for name in ("is_light", "f", "a_l", "a_b", "pixel", "index")}
-        labels = {name: label[kept] for name, label in self.labels.items()}
-        return replace(self, sample=self.sample[kept] // k, labels=labels, **columns)
+        some = self.take(np.flatnonzero(self.sample % k == 0))
+        return replace(some, sample=some.sample // k)
 
-    def given(self, name: str, rows: Array | slice = slice(None)) -> Array | None:
-        """Return a column in some rows, as it was given; None if the table does not have it."""
-        return np.asarray(self.source[name])[self.index[rows]] if name in self.source else None
+    def given(self, name: str) -> Array | None:
+        """Return a column as it was given; None if the table does not have it."""
+        return np.asarray(self.source[name])[self.index] if name in self.source else None
 
 
 def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable) -> DoctorTable:
@@ -120,15 +123,16 @@ def read_table(source: str | os.PathLike[str] | Mapping[str, Any] | SampleTable)
     """
     if isinstance(source, SampleTable):
         w, s = float(source.w[0]), source.shading_samples
-        of_header = {"version": VERSION, "light_samples": w * s, "brdf_samples": (1 - w) * s, "shape": source.shape}
+        of_header = {"version": 1, "light_samples": w * s, "brdf_samples": (1 - w) * s, "shape": source.shape}
         names = (*REQUIRED[3:], "light")
         return _table({name: getattr(source, name) for name in names} | of_header)
     if isinstance(source, Mapping):
         return _table(source)
     try:
+        zipfile.ZipFile(source).close()  # numpy would call any other file a pickle
         return _table(np.load(source, allow_pickle=False))
-    except (zipfile.BadZipFile, EOFError, ValueError, TypeError) as error:
-        raise ValueError(f"{source}: {error}. A table is an .npz file, see docs/doctor.md") from error
+    except (zipfile.BadZipFile, ValueError) as error:
+        raise ValueError(f"{source}: {error}. A table is an .npz file of numpy.savez, see docs/doctor.md") from error
 
 
 def _table(source: Mapping[str, Any]) -> DoctorTable:
@@ -144,6 +148,11 @@ def _table(source: Mapping[str, Any]) -> DoctorTable:
     technique, f, p_l, p_b = (columns[name] for name in ("technique", "f", "p_l", "p_b"))
     f = f if f.ndim == 1 else f.mean(axis=1)
     _check_values(technique, f, p_l, p_b)
+    notes = []
+    if unknown := [name for name in source if name not in COLUMNS]:
+        notes.append(f"ignored: {', '.join(unknown)}")
+    if alone := np.count_nonzero((technique == 1) & (f > 0) & (p_l == 0)):
+        notes.append(f"{alone:,} BRDF samples have f > 0 and p_l = 0: right if light sampling cannot draw them")
     common = (technique >= 0) & (p_l > 0) & (p_b > 0)
     occluded = np.bincount(technique[common & (f == 0)], minlength=2)
     visible_only = bool(_column(source, "visible_only")) if "visible_only" in source else not occluded.all()
@@ -170,12 +179,10 @@ def _table(source: Mapping[str, Any]) -> DoctorTable:
     f, pixel = f[rows].astype(np.float32), columns["pixel"][rows]
     table = DoctorTable(technique[rows] == 0, f, a_l, a_b, sample, pixel, labels, source, rows, shape)
     _check_counts(table, n_l, n_b)
-    notes = []
     if visible_only and occluded.any():
         notes.append("rows with f = 0 are left out: one technique has none, or the table says visible_only")
-    if absent := [
-        f"{name} ({column.tells})" for name, column in COLUMNS.items() if column.tells and name not in source
-    ]:
+    absent = [f"{name} ({column.tells})" for name, column in COLUMNS.items() if column.tells and name not in source]
+    if absent:
         notes.append(f"columns that are absent, and what they would tell: {', '.join(absent)}")
     return replace(table, notes=tuple(notes))
 

@@ -14,7 +14,7 @@ struct Row {
   int8_t technique;              // 0 light sampling, 1 BRDF sampling
   float f[3];                    // BRDF * radiance * cosine * visibility, 0 if occluded: write the row all the same
   float p_l, p_b;                // densities of both techniques in this direction, per solid angle
-  int16_t light, lobe;           // any numbers that tell lights and lobes (materials) apart
+  int16_t light, lobe;           // any numbers of the light, and of the material at the surface, whatever lobe drew
   float direction[3], normal[3], geometric_normal[3], light_normal[3], distance;  // to the light; infinite: a sky
 };
 

@@ -21,8 +21,7 @@ from dmis.pipeline.job import resolve
 from dmis.pipeline.tile import make_tiles, render_tile
 
 COLUMNS = (
-    "pixel camera_sample technique light lobe f p_l p_b position direction normal geometric_normal distance "
-    "light_normal"
+    "pixel camera_sample technique light lobe f p_l p_b direction normal geometric_normal distance light_normal"
 ).split()
 
 
@@ -58,7 +57,7 @@ class Recorder:
                 f[:, kept].T,
                 p_l[kept],
                 p_b[kept],
-                *(np.broadcast_to(a, p.shape).T for a in (p, wi, surface.n, surface.ng)),
+                *(np.broadcast_to(a, p.shape).T for a in (wi, surface.n, surface.ng)),
                 *self.geometry_of_light(light, p, wi),
             ))  # fmt: skip
         self.done += count
