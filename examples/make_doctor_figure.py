@@ -2,7 +2,7 @@
 Faults of multiple importance sampling, as they look
 ====================================================
 
-The nine faults of benchmarks/doctor_faults.py, planted in tables of dmis's own samples: beside each right image, the
+Nine faults of benchmarks/doctor_faults.py, planted in tables of dmis's own samples: beside each right image, the
 image that the balance heuristic makes of the same samples with the fault.
 """
 
