@@ -9,7 +9,6 @@ that give the same table, such as p_l times 2 and p_b times 1/2 in all rows, hav
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -37,7 +36,7 @@ KINDS = {
     "light": (("p_l", "f"), ""),
     "lobe": (("p_b",), ""),
     "depth": ((), ""),
-    "missing": ((), "the branch that draws them fails or is not reached, its rows are not written, or {zero} is 0"),
+    "missing": ((), "not drawn, not written, or p_l in BRDF rows (p_b in light rows) of this light is 0"),
     "ratio": ((EXCHANGED,), "both columns are written in the wrong order, or each branch calls its own density p_l"),
     "pdf": (("f",), "f is divided by a density already, or twice: write BRDF x radiance x cosine x visibility"),
     "cos_light": (("p_l",), "the light's cosine is forgotten, or there twice: p_l = d^2 / (area x cos)"),
@@ -111,15 +110,15 @@ class Cause:
     def hint(self) -> str:
         """Where to look."""
         if self.measure:
-            zero = "p_b in light" if self.rows == "BRDF" else "p_l in BRDF"
-            return KINDS[self.measure.split(" ")[0]][1].format(zero=f"{zero} rows of this {self.where.split(' ')[0]}")
+            return KINDS[self.measure.split(" ")[0]][1]
         return HINTS.get(self.column) or HINTS.get(self.rows) or HINTS[""]
 
 
 def candidates(evidence: Evidence) -> Iterator[Cause]:
     """Yield all causes in question, see `KINDS`."""
     for name in ("", *evidence.labels, *evidence.measures):
-        measure, where = (name, "") if name in evidence.measures else ("", name)
+        measure = name if name in evidence.measures else ""
+        where = "" if measure else name
         techniques = np.unique(evidence.is_light[evidence.labels.get(name, slice(None))])
         if len(techniques) == 1:  # no factor makes rows disappear
             yield Cause(*(("p_b", "light") if techniques[0] else ("p_l", "BRDF")), "missing", where=name)
@@ -174,8 +173,9 @@ def _p_value(evidence: Evidence, cause: Cause) -> float:
     mended = replace(evidence.table, f=f, a_l=a_l, a_b=a_b)
     results = tests(mended.take(np.argsort(mended.sample, kind="stable")))
     sizes = [abs(test.z) for test in results if test.trusted]
-    of_means = len(sizes) * math.erfc(max(sizes, default=0) / math.sqrt(2))
-    return min(of_means, p_value(len(evidence.functions()[0]) - 1, cause.misfit))
+    of_largest = p_value(1, max(sizes, default=0) ** 2)
+    degrees = len(evidence.functions()[0]) - 1
+    return min(len(sizes) * of_largest, p_value(degrees, cause.misfit))
 
 
 def _shift(evidence: Evidence, cause: Cause, log_factor: float) -> Floats:

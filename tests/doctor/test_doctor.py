@@ -197,13 +197,12 @@ def test_factors_of_1_explain_nothing():
 
 
 def test_zero_density_of_one_light_is_told():
-    """BRDF rows of a lamp that is forgotten in their p_l: its samples are missing, and a note counts them."""
+    """BRDF rows of a lamp that is forgotten in their p_l: its samples are missing, and a note says why."""
     table = synthetic()
     table["p_l"][(table["technique"] == 1) & (table["light"] == 1)] = 0
     text = dmis.diagnose(table).text()
-    assert "BRDF samples of light 1 are missing" in text and "or p_l in BRDF rows of this light is 0" in text
-    count = np.count_nonzero((table["technique"] == 1) & (table["p_l"] == 0) & (table["f"][:, 0] > 0))
-    assert f"note: {count:,} BRDF samples have f > 0 and p_l = 0" in text
+    assert "BRDF samples of light 1 are missing" in text and "or p_l in BRDF rows (p_b" in text
+    assert "BRDF samples have f > 0 and p_l = 0" in text
 
 
 def test_what_is_told():
