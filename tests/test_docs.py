@@ -15,6 +15,8 @@ import pytest
 from helpers import Z_LIMIT, run_cell, shared_scene
 from scripts import run_alone, run_script  # noqa: F401  # a fixture
 
+import dmis
+
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("[0-9]_*.py"))
@@ -26,8 +28,6 @@ CODE = {page: re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S) 
 @pytest.mark.parametrize("page", [page for page, blocks in CODE.items() if blocks], ids=lambda page: page.name)
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Every Python block of a page, one after the other, in an empty folder."""
-    import dmis
-
     monkeypatch.setattr(dmis, "load_scene", shared_scene)
     monkeypatch.chdir(tmp_path)
     namespace: dict = {"__name__": "page"}
@@ -85,8 +85,6 @@ def run(stem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNam
 @pytest.mark.examples
 def test_one_batch_agrees_with_render(tmp_path, monkeypatch):
     """The image of tutorial 0 is that of `dmis.render` by z-tests: of its pixels, and of its mean."""
-    import dmis
-
     batch = run("0_one_batch", tmp_path, monkeypatch)
     result = dmis.render(batch.scene, "balance", 64, seed=5, sampler="independent")
     difference = (batch.image - result.image)[..., 0]
@@ -147,7 +145,7 @@ def test_page_is_short(page):
 
 
 def test_five_paths():
-    """README and the index show the same five lists of at most six pages, in the same order."""
+    """README and the index show the same five lists of at most six pages, whose last lines lead on."""
     readme, index = ((ROOT / name).read_text("utf-8") for name in ("README.md", "docs/index.md"))
     bullets = re.findall(r"^\* \*\*(You .*?|Your .*?):\*\*(.*?)(?=^\S)", readme, re.M | re.S)
     lists = re.findall(r"^\*\*(You .*?|Your .*?)\.\*\*\n\n(.*?)\n\n", index, re.M | re.S)
@@ -157,18 +155,14 @@ def test_five_paths():
     for _, links in paths:
         pages = [name for name in links if name.endswith(".md")]
         assert list(map(next_page, pages[:-1])) == pages[1:]
+    for page in (ROOT / "docs").glob("*.md"):
+        assert next_page(page.name) != page.name
 
 
 def next_page(name):
     """Return the page to which the last paragraph of a page leads."""
     *_, last = (ROOT / "docs" / name).read_text("utf-8").rstrip().split("\n\n")
     return re.match(r"Next: \[[^]]+\]\((.*?\.md)\)", last)[1]
-
-
-def test_every_page_names_the_next():
-    """The last paragraph begins with a link to another page."""
-    for page in (ROOT / "docs").glob("*.md"):
-        assert next_page(page.name) != page.name
 
 
 @pytest.mark.parametrize("block", code_tables.tables())
@@ -196,8 +190,6 @@ def test_exercises_and_the_batch():
 @pytest.mark.examples
 def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
     """Tutorial 4 finds the weights of the rule bit for bit from the same pilot; its image agrees by z-tests."""
-    import dmis
-
     steps = run("4_thesis", tmp_path, monkeypatch)
     rule = dmis.make_rule(steps.rule)
     pilot = dict(zip((0.0, 0.5, 1.0), steps.moments, strict=True))
@@ -272,8 +264,6 @@ def test_links_lead_somewhere(page):
 
 def test_public_names_are_in_the_reference():
     """The page about them lists each once, and nothing else; each has a docstring of its own."""
-    import dmis
-
     pytest.importorskip("matplotlib")  # of `plot`
     listed = re.findall(r"^   dmis\.(\w+)$", (ROOT / "docs" / "api.rst.txt").read_text("utf-8"), re.M)
     assert sorted(listed) == dmis.__all__
@@ -304,27 +294,7 @@ def test_demo_quick(run_script, tmp_path):  # noqa: F811
     assert balance == auto == [1, 1]  # auto learns from 16 samples per pixel on
     assert all(1.5 < ratio < 20 for ratio in thesis)  # 6 of 8 samples are its pilot
     assert picture.stat().st_size > 10_000
-
-
-def test_demo_reference_states_its_error():
-    """Two halves, and an error far below what the demo measures."""
-    import dmis
-
+    # two halves, and an error far below what the demo measures
     layers, attributes = dmis.read_exr(ROOT / "examples" / "data" / "teapot-area-light-400x400.exr")
     assert layers["first"].shape == layers["second"].shape == (400, 400, 3)
     assert 0 < float(attributes["mse"]) < 1e-5
-
-
-def test_every_option_is_in_the_page_about_the_command_line():
-    """docs/cli.md names each command and each option of the parser."""
-    import argparse
-
-    from dmis.cli.arguments import make_parser
-
-    page = (ROOT / "docs" / "cli.md").read_text("utf-8")
-    subparsers = next(x for x in make_parser()._actions if isinstance(x, argparse._SubParsersAction)).choices
-    actions = [action for parser in subparsers.values() for action in parser._actions]
-    options = {name for action in actions if action.help != argparse.SUPPRESS for name in action.option_strings}
-    assert {"-o", "--rules", "--plugin"} < options
-    names = [*subparsers, *(options - {"-h", "--help"})]
-    assert [name for name in names if not re.search(rf"`{re.escape(name)}[` ]", page)] == []

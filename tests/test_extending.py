@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import pickle
 import re
 import sys
@@ -283,10 +282,3 @@ def test_camera_and_mirror_see_the_texture() -> None:
     image = dmis.render(scene, "balance", 4, settings=dmis.Settings(integrator="direct")).image
     assert np.isclose(image.max(), 8) and image[..., 0].min() < 2
     np.testing.assert_allclose(image[..., 2], image[..., 0] / 4, rtol=1e-5)
-
-
-def test_fields_of_a_round_are_named() -> None:
-    """The bullets below the rule of two rounds speak of fields of `Round` by their names."""
-    bullets = PAGE[PAGE.index("* `stage` is") :].split("\n\n")[0]
-    named = set(re.findall(r"`(\w+)`", bullets)) - {"auto"}
-    assert {"stage", "image_weight", "begin"} <= named <= {field.name for field in dataclasses.fields(Round)}
