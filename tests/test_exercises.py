@@ -43,7 +43,7 @@ def test_starter_fails_and_solution_passes(path: Path) -> None:
     results = check(number, (FOLDER / "solutions" / path.name).read_text("utf-8"))
     assert len(results) > 1 and marks.points(number, results) == marks.marks_of(number) >= 1
     assert [f"{o.name}: {o.message}" for o in results if not o.passed] == []
-    assert f"``python docs/exercises/checks {number} mine.py``" in text
+    assert f"``python docs/exercises/checks {number} mine_{int(number):02}.py``" in text
     assert text.startswith(f'"""Exercise {number} ({("hard", "easy", "medium")[number % 3]}): ')
 
 

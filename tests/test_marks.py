@@ -68,7 +68,7 @@ def test_starters_have_the_task_of_their_seed(monkeypatch) -> None:
     assert starters.starter(5, 0) == next(FOLDER.glob("05_*.py")).read_text("utf-8")
     text = starters.starter(5, 4)  # sets the seed
     e = grading.exponent(5)
-    assert e > 1 and f"X = 2 pi u^{e} if" in text and "checks 5 mine.py --seed 4``" in text
+    assert e > 1 and f"X = 2 pi u^{e} if" in text and "checks 5 mine_05.py --seed 4``" in text
     answer = f"""
 def lamp_variance(t):
     mean, square = ((1 - np.cos(t) ** (k + 1)) / (k + 1) for k in ({e}, 2 * {e}))

@@ -1,6 +1,7 @@
 """Exercise 1 (easy): reflect the directions of a batch.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 1 mine.py``.
+Copy this file to mine_01.py, and check it:
+``python docs/exercises/checks 1 mine_01.py``.
 """
 
 

@@ -5,7 +5,8 @@ estimator needs the density per solid angle: multiply by r^2 / cos. Here r is th
 distance from p to x, and cos the cosine between the light's normal and the direction
 from x to p.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 2 mine.py``.
+Copy this file to mine_02.py, and check it:
+``python docs/exercises/checks 2 mine_02.py``.
 """
 
 import numpy as np

@@ -5,7 +5,8 @@ An estimate is f / p: BRDF times radiance times cosine, divided by the density p
 angle. The light shines on one side only, and a part of it may be below the surface of a
 point. Three lines are enough, if they handle these cases.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 3 mine.py``.
+Copy this file to mine_03.py, and check it:
+``python docs/exercises/checks 3 mine_03.py``.
 """
 
 import numpy as np

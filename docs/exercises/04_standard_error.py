@@ -1,6 +1,7 @@
 """Exercise 4 (easy): a mean and its standard error.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 4 mine.py``.
+Copy this file to mine_04.py, and check it:
+``python docs/exercises/checks 4 mine_04.py``.
 """
 
 

@@ -3,7 +3,8 @@
 A renderer processes its samples in blocks and stores only (n, mean, m2): the number of
 samples, their mean, and the sum of their squared deviations from the mean.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 6 mine.py``.
+Copy this file to mine_06.py, and check it:
+``python docs/exercises/checks 6 mine_06.py``.
 """
 
 

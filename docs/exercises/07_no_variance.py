@@ -4,7 +4,8 @@ The integrand for the desk lamp of tutorial 2 is cos t inside the lamp's cone, a
 outside, where t is the angle to the axis +z. With a density in proportion to the
 integrand, the variance is 0.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 7 mine.py``.
+Copy this file to mine_07.py, and check it:
+``python docs/exercises/checks 7 mine_07.py``.
 """
 
 import numpy as np

@@ -4,7 +4,8 @@ Microfacet lobes pick a half vector h around the normal, here with Blinn's densi
 p_h = (e + 1) / (2 pi) |cos|^e, and reflect wo about h. The density of the reflected
 direction is different, because the reflection stretches solid angles.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 8 mine.py``.
+Copy this file to mine_08.py, and check it:
+``python docs/exercises/checks 8 mine_08.py``.
 """
 
 from dmis.base.vectors import dot, normalise

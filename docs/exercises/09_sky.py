@@ -4,7 +4,8 @@ A sky is a table of luminance. Bright texels need most samples: pick a row in pr
 to its sum, a texel of this row in proportion to its value, and a uniform point in this
 texel. Two uniform numbers are enough.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 9 mine.py``.
+Copy this file to mine_09.py, and check it:
+``python docs/exercises/checks 9 mine_09.py``.
 """
 
 import numpy as np

@@ -1,6 +1,7 @@
 """Exercise 10 (easy): the balance heuristic.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 10 mine.py``.
+Copy this file to mine_10.py, and check it:
+``python docs/exercises/checks 10 mine_10.py``.
 """
 
 

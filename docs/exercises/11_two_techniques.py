@@ -1,6 +1,7 @@
 """Exercise 11 (medium): an estimate from samples of both techniques.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 11 mine.py``.
+Copy this file to mine_11.py, and check it:
+``python docs/exercises/checks 11 mine_11.py``.
 """
 
 

@@ -5,7 +5,8 @@ heuristic. Derive V, which is N times the variance of the mean of all samples. L
 samples vary around their mean m_l, and BRDF samples around their mean m_b. The starter
 computes V for another case: each sample picks its technique at random.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 12 mine.py``.
+Copy this file to mine_12.py, and check it:
+``python docs/exercises/checks 12 mine_12.py``.
 """
 
 import numpy as np

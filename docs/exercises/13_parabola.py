@@ -6,7 +6,8 @@ Equation (14) of the page "The thesis" gives the minimum. There are three specia
 * If the parabola has no minimum, take the best of the three shares.
 * If all three variances are equal, take 1/2.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 13 mine.py``.
+Copy this file to mine_13.py, and check it:
+``python docs/exercises/checks 13 mine_13.py``.
 """
 
 

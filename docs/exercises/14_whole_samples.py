@@ -5,7 +5,8 @@ seldom a whole number. Each slot must be a light sample with probability w, and 
 number of light samples must be w S rounded up or down. Equation (12) of the theory page
 achieves this with one random offset for each pixel.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 14 mine.py``.
+Copy this file to mine_14.py, and check it:
+``python docs/exercises/checks 14 mine_14.py``.
 """
 
 import numpy as np

@@ -4,7 +4,8 @@ The pilot's samples are unbiased, so they may improve the image. The starter wei
 the means of both passes by their estimated inverse variances. This seems right, but the
 image becomes biased.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 15 mine.py``.
+Copy this file to mine_15.py, and check it:
+``python docs/exercises/checks 15 mine_15.py``.
 """
 
 import numpy as np

@@ -1,6 +1,7 @@
 """Exercise 16 (easy): how many samples does it take to see a spike?
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 16 mine.py``.
+Copy this file to mine_16.py, and check it:
+``python docs/exercises/checks 16 mine_16.py``.
 """
 
 

@@ -4,7 +4,8 @@ The pilot has w = 1/2, so its samples have the density q = (p_l + p_b) / 2 and t
 values X = f / q. At another share w, what is the value of the same sample, and how much
 more often does it occur? Express p_w / q by w and d = (p_l - p_b) / (p_l + p_b).
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 17 mine.py``.
+Copy this file to mine_17.py, and check it:
+``python docs/exercises/checks 17 mine_17.py``.
 """
 
 import numpy as np

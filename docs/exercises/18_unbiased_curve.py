@@ -5,7 +5,8 @@ samples of both techniques. Estimate this variance for every w, without bias, fr
 light and the n BRDF samples of one pilot at w = 1/2. Hint: what is the mean of f / p_w
 for the samples of one technique?
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 18 mine.py``.
+Copy this file to mine_18.py, and check it:
+``python docs/exercises/checks 18 mine_18.py``.
 """
 
 import numpy as np

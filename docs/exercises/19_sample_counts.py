@@ -3,7 +3,8 @@
 The error of the image is the sum of V / n over its pixels; the cost is the sum of n C.
 Equation (20) of the theory page is the best n.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 19 mine.py``.
+Copy this file to mine_19.py, and check it:
+``python docs/exercises/checks 19 mine_19.py``.
 """
 
 import numpy as np

@@ -5,7 +5,8 @@ where the cosine is small. Write a density that fits better: the relative varian
 f cos / p must be at most 0.3 (cos / pi has 1.4, a uniform density 0.37). Two uniform
 numbers and the inverse of a simple distribution function are enough.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 20 mine.py``.
+Copy this file to mine_20.py, and check it:
+``python docs/exercises/checks 20 mine_20.py``.
 """
 
 from dataclasses import dataclass

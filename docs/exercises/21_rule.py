@@ -6,7 +6,8 @@ better on the car under its sky (``tt-overcast``). On both scenes the whole 95 %
 interval of your error divided by that of ``balance`` must be below 0.85, and the image
 must be unbiased. No constant share achieves this, so ``fit`` must learn from the pilot.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 21 mine.py``.
+Copy this file to mine_21.py, and check it:
+``python docs/exercises/checks 21 mine_21.py``.
 """
 
 from dataclasses import dataclass

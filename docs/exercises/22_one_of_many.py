@@ -3,7 +3,8 @@
 A light sample picks lamp k with the probability q_k, then a uniform point on this lamp.
 For directions of either technique, return the density of light sampling.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 22 mine.py``.
+Copy this file to mine_22.py, and check it:
+``python docs/exercises/checks 22 mine_22.py``.
 """
 
 import numpy as np

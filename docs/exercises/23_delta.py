@@ -4,7 +4,8 @@ Each element of the arrays is one shading sample, on a material that may include
 mirror. Each point takes one sample of each technique. Return the contribution of each
 sample with the balance heuristic.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 23 mine.py``.
+Copy this file to mine_23.py, and check it:
+``python docs/exercises/checks 23 mine_23.py``.
 """
 
 import numpy as np

@@ -4,7 +4,8 @@ At each surface of a path, light samples and BRDF samples estimate the direct li
 next ray of the path may also hit a lamp. Add up the path's radiance without counting
 light twice.
 
-Copy this file to mine.py, and check it: ``python docs/exercises/checks 24 mine.py``.
+Copy this file to mine_24.py, and check it:
+``python docs/exercises/checks 24 mine_24.py``.
 """
 
 import numpy as np

@@ -112,8 +112,8 @@ points = SimpleNamespace(n=n, wo=wo, cos_o=dot(n, wo), tangents=frame(n))
 # A light sample and a BRDF sample
 # --------------------------------
 # How much light does a point reflect towards the viewer? The answer is an integral over
-# the directions :math:`\omega_i`. The integrand f is the product of BRDF, radiance,
-# cosine and visibility:
+# the directions :math:`\omega_i`. The integrand f is the product of BRDF, radiance
+# (light along a ray), cosine (slanted light spreads over more surface) and visibility:
 #
 # .. math::
 #
@@ -125,7 +125,8 @@ points = SimpleNamespace(n=n, wo=wo, cos_o=dot(n, wo), tangents=frame(n))
 # whether this direction hits the light. Both return directions ``wi`` ``(3, M)``,
 # ``distance``, ``radiance``, ``emits`` (true if the direction hits the light), and
 # ``pdf``. ``pdf`` is the density per solid angle with which light sampling picks this
-# direction. Let the light have the area A and the distance r, and let :math:`\theta_l`
+# direction. A solid angle is an area on the unit sphere around the point. Let the
+# light have the area A and the distance r, and let :math:`\theta_l`
 # be the angle between its normal and the direction. Then this density is
 #
 # .. math::
@@ -238,7 +239,7 @@ figure.colorbar(shown, ax=axes[2], label="z")
 #    (``03_direct_light.py``).
 #
 # To think about: set w = 0.9 in :math:`p_w`, but keep one sample of each technique.
-# What does z of the mean say, and why? Leave out V: in which pixels does z show the
-# error? Use ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
+# What does z of the mean say, and why? Leave out ``& ~blocked``: in which pixels does z
+# show the error? Use ``Isotropic(0.05)``, a smoother metal: which technique gets noisy?
 for path in plot.show("0_one_batch"):
     print(path)

@@ -42,4 +42,4 @@ def starter(number: int, seed: int) -> str:
         if before not in text:
             raise ValueError(f"{path} must have the text {before!r}, which the seed changes")
         text = text.replace(before, after.format(e=grading.exponent(number)))
-    return text.replace(f"checks {number} mine.py", f"checks {number} mine.py --seed {seed}")
+    return text.replace(f"checks {number} mine_{number:02}.py", f"checks {number} mine_{number:02}.py --seed {seed}")
