@@ -103,7 +103,7 @@ def texture(name: str, scale: Point, text: str) -> str:
     return f'Texture "{name}" "color" {kind} "float uscale" [{scale[0]}] "float vscale" [{scale[1]}] {rest}'
 
 
-PLANKS = '"imagemap" "string filename" ["../textures/planks.exr"]'
+PLANKS = '"imagemap" "string filename" ["textures/planks.exr"]'
 MATERIALS = {
     "floor": '"plastic" "texture Kd" "planks" "color Ks" [.12 .12 .12] "float roughness" [.04]',
     "rug": '"matte" "texture Kd" "rug" "float sigma" [30]',
@@ -275,8 +275,10 @@ def furniture() -> dict[str, list[str]]:
         "candlestick": ((0.52, 0.95, 0.741),),
         "shade": ((-1.9, 1.85, 1.36),),
     }.items():
-        things[name] += [placed(p, f'Shape "plymesh" "string filename" ["interior-{name}.ply"]') for p in places]
-    teapot = 'Shape "plymesh" "string filename" ["teapot.ply"]'
+        things[name] += [
+            placed(p, f'Shape "plymesh" "string filename" ["geometry/interior-{name}.ply"]') for p in places
+        ]
+    teapot = 'Shape "plymesh" "string filename" ["geometry/teapot.ply"]'
     things["teapot"] += [placed((0.7, 0.8, 0.741), "Rotate 200 0 0 1 Scale .05 .05 .05", teapot)]
     things["wax"] += [
         placed((0.52, 0.95, 0.89), 'Shape "cylinder" "float radius" [.012] "float zmin" [0] "float zmax" [.12]')

@@ -123,7 +123,8 @@ def folder(tmp_path_factory):
         write_exr(folder / name, {"RGB": np.full((2, 4, 3), 0.5, np.float32)})
     for name in {"a.ply", *re.findall(r"[\w/-]+\.ply", sources)}:
         trimesh.creation.box().export(folder / name)
-    (folder / "geometry/tt-world.pbrt").write_text((SCENES / "geometry/tt-world.pbrt").read_text())
+    for name in ("geometry/tt-world.pbrt", "geometry/interior.pbrt"):
+        (folder / name).write_text((SCENES / name).read_text())
     (folder / "geometry/creature.pbrt").write_text(TRIANGLE)
     (folder / "a.spd").write_text("400 1\n700 .5\n")
     (folder / "empty.pbrt").write_text("")
