@@ -89,7 +89,7 @@ def measure_truth(scene: Scene, settings: Settings, spp: int = SPP, seed: int = 
     job = resolve(scene, Fixed(0.5), spp, REFERENCE_SEED + 4 + seed, settings).alone
     job.scene.prepare()
     settings, paired = job.settings, pilot_settings(job.settings, paired=True)
-    height, width = job.budget.shape
+    height, width = job.given_scene.camera.resolution[::-1]
     variances, powers, costs = [], [], []
     for number, (y, x) in enumerate(np.ndindex(-(-height // PATCH), -(-width // PATCH))):
         area = slice(y * PATCH, min((y + 1) * PATCH, height)), slice(x * PATCH, min((x + 1) * PATCH, width))

@@ -21,7 +21,7 @@ from dmis.base import plugins
 from dmis.estimator import mis
 from dmis.estimator.mis import TECHNIQUES
 from dmis.fit.round import Round
-from dmis.pipeline.job import resolve
+from dmis.pipeline.job import budget_of, resolve
 from dmis.scene.groups import light_part
 from dmis.testing.scenes import box_scene
 
@@ -181,7 +181,7 @@ def test_techniques_of_a_round_that_are_refused(techniques: Any, changes: dict[s
 
 
 def test_techniques_of_a_round_without_brdf_compensate_no_sky(box: dmis.Scene) -> None:
-    budget = resolve(box, "balance", 4, 0, dmis.Settings(compensation=0.5)).budget
+    budget = budget_of(resolve(box, "balance", 4, 0, dmis.Settings(compensation=0.5)))
     rounds = [budget.final(dmis.Fit(0.5), techniques=("light", name)) for name in ("uniform", "brdf")]
     without, with_brdf = (round_.checked(box.camera.resolution[::-1]) for round_ in rounds)
     assert (without.settings.sky_compensation, with_brdf.settings.sky_compensation) == (0, 0.5)

@@ -54,7 +54,7 @@ LONGEST_MODULE = 430
 """Lines of a module of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 104, "pipeline/job.py": 200, "scene/scene.py": 259, "fit/auto.py": 220}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (32, 1897), "auto": (40, 2821)}
+RENDERS = {"thesis": (32, 1906), "auto": (40, 2832)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 TOKENS, JOINED = 12.09, 16.3
 """Tokens of a line of code, and assignments such as ``a, b = 1, 2`` in 1,000 lines, of the package."""

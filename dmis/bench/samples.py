@@ -15,7 +15,7 @@ from dmis.estimator.mis import SHADING
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.fixed import Fixed
-from dmis.pipeline.job import resolve
+from dmis.pipeline.job import budget_of, resolve
 from dmis.pipeline.tile import make_tiles, render_tile
 from dmis.scene.scene import Scene
 
@@ -118,12 +118,12 @@ def samples(
         See `dmis.pipeline.render.render`.
     """
     job = resolve(scene, Fixed(weight), spp, seed, make_settings(settings, **options))
-    height, width = shape = job.budget.shape
+    height, width = shape = job.given_scene.camera.resolution[::-1]
     chosen = _pixel_numbers(pixels, height, width)
     left, top, _, _ = job.window or (0, 0, width, height)
     resolution = job.scene.camera.resolution  # of a window, that of the whole image
     recorder, rays = _Recorder(weight, job.settings.shading_samples), Counter[str]()
-    for tile in make_tiles(resolution, seed, 0, next(job.rule.rounds(job.budget))):
+    for tile in make_tiles(resolution, seed, 0, next(job.rule.rounds(budget_of(job)))):
         row, column = np.mgrid[tile.area] - np.reshape((top, left), (2, 1, 1))
         inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
         recorder.begin(np.where(inside, row * width + column, -1).reshape(-1))

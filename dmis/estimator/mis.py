@@ -133,7 +133,7 @@ def register_technique(technique: Technique) -> None:
 
 
 def check_technique_form(technique: Technique) -> None:
-    """Raise a ValueError if a technique cannot be one beside those that are registered.
+    """Raise a ValueError if a technique cannot be registered beside the others.
 
     Its name must be right (`dmis.base.plugins.Registry.check`); its kind of rays must not be that of other rays;
     sample and pdf must be functions, and it needs 2 to 4 uniform numbers.

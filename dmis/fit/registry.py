@@ -158,9 +158,16 @@ def register_rule(name: str, cls: Callable[..., Rule]) -> None:
 def make_rule(rule: Rule | str) -> Rule:
     """Return a rule from its text: ``thesis:patch=16,filter=none``, ``fixed:light=0.5,brdf=0.3,uniform=0.2``.
 
-    The text is a name of `RULES`, a colon, and options ``name=value`` separated by commas; a bare value is the first
-    option, as in ``fixed:0.25``. A rule object is returned as it is. A ValueError if there is no such rule or option, a
-    value does not fit, or pilot or settings of the rule are not of the right form.
+    Parameters
+    ----------
+    rule
+        A name of `RULES`, a colon, and options ``name=value`` separated by commas; a bare value is the first option, as
+        in ``fixed:0.25``. A rule object is returned as it is.
+
+    Raises
+    ------
+    ValueError
+        If there is no such rule or option, a value does not fit, or pilot or settings are not of the right form.
     """
     if isinstance(rule, int | float) and 0 <= rule <= 1:
         raise _no_such_rule(f"{float(rule):g}")

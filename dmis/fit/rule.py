@@ -273,4 +273,6 @@ def _check_statistic(rule: Rule, text: str, settings: Settings) -> None:
                 f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {n + 1}, or "
                 f"rule thesis"
             )
+        if n % len(settings.techniques) and name == "pilot samples":
+            raise ValueError(f"{name} must be a multiple of {len(settings.techniques)} techniques; got {n}")
     pilot_settings(settings, paired=True)  # refuses too many shading samples

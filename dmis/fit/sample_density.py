@@ -249,7 +249,7 @@ def powers_of_two(density: Array, cost: Array, least: Array, budget: float, chan
 
 
 def _spend_rest(samples: Array, target: Array, cost: Array, budget: float) -> Array:
-    """Return `samples` with some doubled, nearest to it first, so that what is left of the `budget` is used.
+    """Return `samples` of which some are doubled until the `budget` is spent, those nearest to their `target` first.
 
     Scaling all pixels together stops as soon as one of them is too expensive to be doubled, and a few expensive pixels
     may leave much of the budget. Pixels with far more samples than their `target`, such as black ones, stay as they

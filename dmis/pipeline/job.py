@@ -43,12 +43,8 @@ class Job:
         The scene of the caller.
     rule, rule_text
         The rule, and its text in messages and in the provenance.
-    spp, most
-        Camera samples per pixel, the pilot's included; and how many they may become by doubling.
-    seed
-        Seed.
-    budget
-        What the rule makes its rounds with.
+    spp, most, seed
+        Camera samples per pixel, the pilot's included; how many they may become by doubling; and the seed.
     settings, sources
         Estimator settings of the final pass; and who decided each: ``caller``, ``rule``, ``preset``, ``scene``,
         ``default``.
@@ -68,7 +64,6 @@ class Job:
     spp: int
     most: int
     seed: int
-    budget: Budget
     settings: Settings
     sources: Mapping[str, str] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
@@ -79,8 +74,8 @@ class Job:
     def provenance(self) -> Mapping[str, Any]:
         """Description of the image before it is rendered; plain JSON data.
 
-        The hash of the scene takes time: so all of it is made when it is first read. The hash is None if a part of the
-        scene has no fingerprint (`dmis.pipeline.fingerprint.digest`), because an image is written all the same.
+        Hashing the scene takes time, so the description is made when it is first read. The hash is None if a part of
+        the scene has no fingerprint (`dmis.pipeline.fingerprint.digest`); an image is written all the same.
         """
         from dmis.pipeline.fingerprint import fingerprint
 
@@ -140,10 +135,14 @@ def resolve(
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    shape, weigh = scene.camera.resolution[::-1], used.weigh or filled.weigh
-    budget = Budget(spp, shape, filled, seed, weigh, float32_scene.plan)
-    job = Job(float32_scene, gain, scene, used, text, spp, most, seed, budget, filled, sources, notes)
+    job = Job(float32_scene, gain, scene, used, text, spp, most, seed, filled, sources, notes)
     return job if scene.camera.frame is None else _of_window(job)
+
+
+def budget_of(job: Job) -> Budget:
+    """Return what the rule of a job makes its rounds with."""
+    shape, weigh = job.given_scene.camera.resolution[::-1], job.rule.weigh or job.settings.weigh
+    return Budget(job.spp, shape, job.settings, job.seed, weigh, job.scene.plan)
 
 
 def _of_window(job: Job) -> Job:

@@ -15,7 +15,7 @@ from typing import Any
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
-from dmis.pipeline.job import Job, resolve
+from dmis.pipeline.job import Job, budget_of, resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.result import Result, make_result
@@ -63,8 +63,11 @@ def render(
     layers
         Names of layers of the result, such as ``["albedo", "direct"]``, see `dmis.pipeline.image_layers`.
 
-    A ValueError if arguments are wrong or disagree, shares or pixels are invalid, or a checkpoint is of another image;
-    an OSError if the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
+    Raises
+    ------
+    ValueError, OSError, ChildProcessError
+        If arguments are wrong or disagree, shares or pixels are invalid, or a checkpoint is of another image; if the
+        checkpoint cannot be written; if workers keep dying.
     """
     stop = None if noise is None and seconds is None else Stop(noise, seconds)
     job = resolve(scene, rule, spp, seed, make_settings(settings, **options), doubling=stop is not None)
@@ -82,14 +85,11 @@ def render_job(
     checkpoint: str | os.PathLike[str] | None = None,
     stop: Stop | None = None,
 ) -> Result:
-    """Render the rounds that the rule of a job asks for, and the last one doubled until a `stop`.
-
-    Parameters and errors are those of `render`.
-    """
+    """Render the rounds that the rule of a job asks for, see `render`, and the last one doubled until a `stop`."""
     image: list[tuple[Film, int]] = []  # and weights
     bar, began = reporting(progress) if progress else nullcontext(), time.perf_counter()
     with bar as report, Passes(job, parallel, report, checkpoint) as passes:
-        rounds, film = stop.rounds(job) if stop else job.rule.rounds(job.budget), None
+        rounds, film = stop.rounds(job) if stop else job.rule.rounds(budget_of(job)), None
         while (requested := next_round(rounds, film, job.rule)) is not None:  # variance, fit, filter
             final, film = requested, None  # its statistics are large
             film = passes.render(final)  # samples

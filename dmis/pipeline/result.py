@@ -198,7 +198,7 @@ def make_result(
         share, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
     # the provenance does without the tables of the scene and Embree's copy
     bare = job.given_scene.changed()
-    described = replace(job, scene=bare, given_scene=bare, budget=replace(job.budget, plan=None), layers=dict)
+    described = replace(job, scene=bare, given_scene=bare, layers=dict)
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
     of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(passes.pilot_rays)}
     of_image["deviation_of"] = deviation_of

@@ -32,7 +32,7 @@ from dmis.base.validate import number
 from dmis.base.vectors import Array
 from dmis.fit.round import Round
 from dmis.fit.rule import next_round
-from dmis.pipeline.job import Job
+from dmis.pipeline.job import Job, budget_of
 from dmis.samplers.streams import is_sequence
 from dmis.scene.scene import SceneWarning
 from dmis.variance.moments import Film
@@ -63,7 +63,7 @@ class Stop:
 
     def rounds(self, job: Job) -> Generator[Round, Film, None]:
         """Yield the rounds of a job, and be sent the film of each: those of its rule, then the last one, doubled."""
-        began, own, count, film = time.perf_counter(), job.rule.rounds(job.budget), 0, None
+        began, own, count, film = time.perf_counter(), job.rule.rounds(budget_of(job)), 0, None
         self.job = job
         while (requested := next_round(own, film)) is not None:
             self.final, film = requested, None  # its statistics are large

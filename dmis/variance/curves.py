@@ -156,7 +156,7 @@ class PatternCurves(Curves):
     pixels, shading_samples, combiner
         See `Curves`.
     lights
-        L, lights whose variances are told apart, see `dmis.estimator.patterns`; 0: none.
+        L, number of lights whose variances are kept separately, see `dmis.estimator.patterns`; 0: none.
     """
 
     wants = Wants(sums="colours")

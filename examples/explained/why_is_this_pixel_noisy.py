@@ -23,7 +23,7 @@ from dmis.base.vectors import dot, frame, take
 from dmis.estimator.settings import make_settings
 from dmis.examples.gallery import options, print_canvas
 from dmis.fit.fixed import Fixed
-from dmis.pipeline.job import resolve
+from dmis.pipeline.job import budget_of, resolve
 from dmis.pipeline.tile import make_tiles, render_tile
 from dmis.variance.curves import GRID, HALF, Curves
 
@@ -60,7 +60,7 @@ def pilot(pixel, spp, seed, settings):
     """Render a scene of one pixel at w = 1/2; return the job and its samples."""
     job = resolve(pixel, Fixed(0.5), spp, seed, settings).alone
     samples = Samples(1, 2 * job.settings.shading_samples)
-    rounds = job.budget.pilot(0.5, 2 * spp, lambda *_: samples)
+    rounds = budget_of(job).pilot(0.5, 2 * spp, lambda *_: samples)
     for tile in make_tiles((1, 1), seed, 0, rounds):
         render_tile(job.scene, tile)
     return job, samples

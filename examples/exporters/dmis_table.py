@@ -17,7 +17,7 @@ from dmis.base.vectors import TINY, take
 from dmis.estimator.settings import make_settings
 from dmis.fit.fixed import Fixed
 from dmis.intersect import Intersector
-from dmis.pipeline.job import resolve
+from dmis.pipeline.job import budget_of, resolve
 from dmis.pipeline.tile import make_tiles, render_tile
 
 COLUMNS = (
@@ -83,7 +83,7 @@ def table(scene: dmis.Scene, spp: int = 16, seed: int = 0) -> dict[str, Any]:
     job = resolve(scene, Fixed(0.5), spp, seed, make_settings(None, sampler="independent", compensation=0))
     width, height = job.scene.camera.resolution
     recorder = Recorder(job.scene.plan.sampled_lights(job.settings.lights, 0))
-    for tile in make_tiles((width, height), seed, 0, next(job.rule.rounds(job.budget))):
+    for tile in make_tiles((width, height), seed, 0, next(job.rule.rounds(budget_of(job)))):
         y, x = np.mgrid[tile.area].reshape(2, -1)
         recorder.begin(y * width + x)
         render_tile(job.scene, replace(tile, round=replace(tile.round, statistic=lambda *_: recorder)))

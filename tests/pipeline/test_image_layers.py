@@ -18,7 +18,7 @@ from dmis.cli.commands import main
 from dmis.estimator.settings import make_settings
 from dmis.geometry.shapes import quad
 from dmis.pipeline.image_layers import with_layers
-from dmis.pipeline.job import resolve
+from dmis.pipeline.job import budget_of, resolve
 from dmis.testing.scenes import ABOVE, FLOOR, box_scene
 
 LIGHT = ["direct", "indirect", "emission", "light", "technique"]
@@ -177,7 +177,7 @@ def test_refuses(layers: list[str], options: dict[str, object], message: str) ->
 def test_statistics_go_to_workers() -> None:
     """A round that gathers layers is pickled, as processes need it."""
     job = with_layers(resolve(box_scene(), "balance", 4, 0, make_settings()), LIGHT)
-    round_ = pickle.loads(pickle.dumps(next(job.rule.rounds(job.budget))))
+    round_ = pickle.loads(pickle.dumps(next(job.rule.rounds(budget_of(job)))))
     assert round_.statistic(16, 2).sums().keys() == {
         "direct", "indirect", "emission", "light.0", "technique.light", "technique.brdf"
     }  # fmt: skip
