@@ -262,7 +262,9 @@ def sentences() -> dict[str, list[str]]:
     pairs, differ = np.sum([[int(n) for n in row[1:]] for row in order_rows(scores(True), scores(False))], axis=0)
     reached = reached_rows(scores(True))[-1][1 : 1 + len(TILTS)]
     over = sorted(round(100 * float(text.partition("±")[0])) - 100 for text in reached)
-    harm = max(100 * of_scene[:, COLUMNS.index("harm")].mean() for of_scene in scores(True)[AUTO].values.values())
+    autos = [scores(size)[AUTO].values for size in (True, False)]
+    harm = [max(100 * of_scene[:, COLUMNS.index("harm")].mean() for of_scene in auto.values()) for auto in autos]
+    lost = cell(*interval(autos[0]["ten-lights"][:, 0], True)).replace("±", " ± ")
     gold, tt = (1 - of("tilt per patch", name) for name in ("killeroo-gold", "tt"))
     apart, agreeing = ordered_pairs(validated(), (*REQUIRED, *OTHERS))
     right = "all these pairs is right" if (apart == agreeing).all() else f"{agreeing} of these pairs is right"
@@ -279,7 +281,9 @@ def sentences() -> dict[str, list[str]]:
             f"in the geometric mean they save {saved(of('share per patch'))}.",
             f"One share for the image saves {saved(of('one share'))} in the geometric mean.",
             f"**Numbers of camera samples** save {saved(of('counts'))} in the geometric mean.",
-            f"At full size the shares of `auto` raise variance × cost by more than 2 % in at most {harm:.0f} %",
+            f"At full size the shares of `auto` raise variance × cost by more than 2 % in at most {harm[0]:.0f} %",
+            f"in small images in at most {harm[1]:.0f} %",
+            f"these shares have {lost} times the error × cost of `balance` on `ten-lights`",
             f"agree with the bounds within {renders_differ():.2f}",
             "from {} to {} of the variance on the teapot and from {} to {} on killeroo-diffuse".format(*edges),
             "{} instead of {} on the teapot, and {} instead of {} on killeroo-diffuse.".format(*best),
