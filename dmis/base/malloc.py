@@ -16,8 +16,8 @@ def keep() -> None:
     """Let the C library keep freed arrays for later ones, in one arena for all threads.
 
     By default it gives back all but some MB after each batch, and the arrays of the next batch are new pages, which the
-    system first fills with zeros. By default each thread also gets an arena of its own. Has an effect in Linux only,
-    with a C library that has ``mallopt``; musl does not.
+    system first fills with zeros. By default each thread also has an arena of its own, whose freed arrays other threads
+    cannot reuse. This function changes nothing but in Linux, with a C library that has ``mallopt``; musl lacks it.
     """
     if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "mallopt"):
         library.mallopt(-8, 1)  # M_ARENA_MAX

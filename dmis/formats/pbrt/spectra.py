@@ -1,9 +1,9 @@
 """Spectra of pbrt files as linear RGB, by dialect.
 
-pbrt-v2 and v3 turn every spectrum into RGB without a white balance; v3 integrates over 470 nm in 471 steps, and has a
-scale of black bodies of its own (`blackbody`). pbrt-v4 keeps spectra and looks at the film in the end; here they
-become RGB at once. What a surface or a metal has is balanced, so that a constant spectrum stays the same constant, and
-what a light has is brought to the luminance 1, as v4 does before its ``scale``.
+pbrt-v2 and v3 turn every spectrum into RGB without a white balance; v3 integrates over 470 nm in 471 steps. pbrt-v4
+keeps spectra until the film converts them; dmis converts them when it reads them. For v4 dmis balances the spectra of
+surfaces and metals, so that a constant spectrum stays the same constant, and scales those of lights to luminance 1, as
+v4 does before its ``scale``.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def sampled(dialect: str, wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> 
 
 
 def blackbody(dialect: str, temperature: float, scale: float = 1.0) -> Rgb:
-    """Return the RGB of a black body; pbrt-v3 scales the brightest wavelength to 1, the others 555 nm."""
+    """Return the RGB of a black body of value 1 at 555 nm, in v3 at its brightest wavelength; in v4 of luminance 1."""
     if dialect == "v3":
         return blackbody_to_rgb(temperature, scale * 470 / 471, _WIEN / (temperature or 1))
     rgb = blackbody_to_rgb(temperature, scale)
