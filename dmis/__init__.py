@@ -21,8 +21,8 @@ class _Package(ModuleType):
     """A package that loads its modules where they are first used as attributes, and so do the packages in it."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Bind a name; import binds a package to its name in this way, so that it loads its modules, too."""
-        if isinstance(value, ModuleType) and hasattr(value, "__path__"):
+        """Bind a name; the import system binds a package in this one so, which then loads its modules, too."""
+        if isinstance(value, ModuleType) and value.__package__ == f"{self.__name__}.{name}":
             value.__class__ = _Package
         super().__setattr__(name, value)
 
