@@ -28,9 +28,8 @@ class _Package(ModuleType):
 
     def __call__(self, *_: object, **__: object) -> None:
         """Refuse to be called: `dmis.doctor` was a function."""
-        raise TypeError(
-            f"{self.__name__} is a package, not a function; write dmis.diagnose(table) for dmis.doctor(table)"
-        )
+        hint = "; write dmis.diagnose(table)" if self.__name__ == "dmis.doctor" else ""
+        raise TypeError(f"{self.__name__} is a package, not a function{hint}")
 
     def __getattr__(self, name: str) -> object:
         """Return a public name of dmis, or a module; a missing attribute says what to write, if that is known."""
