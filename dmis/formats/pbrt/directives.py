@@ -28,9 +28,9 @@ _WORDS = ("bool", "string", "texture")
 _STRUCTURE = "Begin", "End", "Include"
 """Ends of the names of directives that others depend on."""
 _INSTEAD = {
-    "Volume": "remove it to render without",
+    "Volume": "remove it to render a vacuum",
     "Attribute": "write its parameters in each line of its kind",
-    "Import": "write Include",
+    "Import": "write AttributeBegin, Include and AttributeEnd, because its transforms end with the file",
     "Option": "remove it, if the image does not depend on it",
 }
 """Directives that are refused, with what to do."""

@@ -450,7 +450,7 @@ BAD_WORLDS = [
     ("v4", f'{IMAGE} "bool invert" true', "parameter 'invert' must be False"),
     ("v4", f'{BUMPY} "string normalmap" "a.exr"', "a displacement or a normalmap, not both"),
     ("v4", f'{BUMPY} Material "mix" "string materials" ["a" "a"]', "a bump map or normal map cannot be mixed; got 'a'"),
-    ("v4", 'Import "a.pbrt"', "token Import: Import is not supported; write Include"),
+    ("v4", 'Import "a.pbrt"', "token Import: Import is not supported; write AttributeBegin, Inc"),
     ("v4", 'Attribute "shape" "float radius" 2', "token Attribute: Attribute is not supported; write its parameters"),
     ("v4", 'LightSource "point" "float power" 3', "this is not supported; give the light its I and scale"),
     ("v4", 'LightSource "infinite" "float illuminance" 3', "this is not supported; give the light its L and scale"),
