@@ -42,7 +42,7 @@ def _strength(p: ParameterSet, name: str) -> Rgb:
     """Return the intensity or radiance of a light whose colour is the parameter `name`."""
     colour = p.light(name)
     if p.dialect == "v4":
-        p.refuse(f"this is not supported; give the light its {name} and scale", "power", "illuminance")
+        p.refuse("this is not supported; give the strength of the light by its scale", "power", "illuminance")
         return rgb(p.number("scale", 1) * np.asarray(colour))
     scale = p.get("scale", *SPECTRUM_TYPES)
     return rgb(np.multiply(colour, 1 if scale is None else scale.colour()))
