@@ -421,7 +421,7 @@ HUGE = {"componentType": 5126, "count": 10**7, "type": "VEC3"}
         ({"accessors": [{"bufferView": 0, **HUGE}]}, "more elements than"),
         ({"accessors": [{"bufferView": 0, **HUGE, "sparse": {}}]}, "accessor 0 must not be sparse or without data"),
         ({"accessors": [HUGE]}, "accessor 0 must not be sparse or without data; export it without"),
-        ({"meshes": [{"primitives": [{"attributes": {}, "mode": 5}]}]}, "mesh 0 must be a list of triangles, no strip"),
+        ({"meshes": [{"primitives": [{"attributes": {}, "mode": 5}]}]}, "mesh 0 must be a list of triangles; export"),
         ({"bufferViews": [{"buffer": 0, "byteLength": 10**9}]}, "must be within the .* bytes of its buffer"),
         ({"buffers": [{"byteLength": 4, "uri": "../outside.bin"}]}, "is outside of the folder .*--allow-outside"),
         ({"buffers": [{"byteLength": 4, "uri": "no.bin"}]}, "there is no file 'no.bin' in its folder"),

@@ -168,7 +168,7 @@ class Gltf:
             for primitive in mesh["primitives"]:
                 mode = primitive.get("mode", _TRIANGLES)
                 if mode in (_STRIP, _FAN):
-                    raise ValueError(f"its mesh {node['mesh']} must be a list of triangles, no strip or fan")
+                    raise ValueError(f"its mesh {node['mesh']} must be a list of triangles; export no strips or fans")
                 if mode != _TRIANGLES:
                     self.model.unread["set of points or lines"] += 1
                     continue
