@@ -105,9 +105,9 @@ def test_one_light_and_paths(read) -> None:
 
 def test_what_is_not_there(read, tmp_path: Path) -> None:
     """A sampler that dmis does not have is named by `describe` and in a warning; so are too many samples."""
-    scene = read(f'{V2}Sampler "bestcandidate"', 'LightSource "infinite" "integer nsamples" 64')
-    assert "not available: sampler bestcandidate" in scene.describe()
-    with pytest.warns(SceneWarning, match=r"does not have: sampler bestcandidate, 128 shading samples \(at most 100\)"):
+    scene = read(f'{V2}Sampler "adaptive" "integer maxsamples" 9', 'LightSource "infinite" "integer nsamples" 64')
+    assert "not available: sampler adaptive" in scene.describe() and scene.suggested.spp == 16
+    with pytest.warns(SceneWarning, match=r"does not have: sampler adaptive, 128 shading samples \(at most 100\)"):
         settings = dmis.Settings.as_in_file(scene)
     assert (settings.sampler, settings.shading_samples) == ("auto", 100)
     # a number of samples of another type is no error, because it changes no image, but it is named

@@ -29,7 +29,7 @@ SAMPLERS = {
     "independent": "independent",
 }
 """Samplers of dmis by the names of pbrt's."""
-ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist")
+ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist", "adaptive")
 """pbrt's samplers that round numbers of samples up to powers of two."""
 
 
@@ -71,6 +71,8 @@ def _sampler(reader: Reader, name: Token, p: ParameterSet) -> None:
     count, side = (4, 2) if reader.dialect is V2 else (16, 4)
     if name.name == "stratified":
         spp = p.request("xsamples", side) * p.request("ysamples", side)
+    elif name.name == "adaptive":
+        spp = p.request("maxsamples", 32)
     else:
         spp = p.request("pixelsamples", 4 if name.name == "random" else count)
     reader.rounds = name.name in ROUNDED
