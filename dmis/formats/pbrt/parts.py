@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -145,10 +145,12 @@ def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
 
 def _with_relief(material: Material, curved: bool) -> Material:
     """Return the material; on a quadric (`curved`) its bump map keeps dp/du and dp/dv, as in all versions of pbrt."""
-    relief: Any = material.relief if curved else None
-    if not hasattr(relief, "unit_tangents"):  # none of `dmis.brdf.relief.BumpMap`
+    if not curved or material.relief is None:
         return material
-    return replace(material, relief=replace(relief, unit_tangents=None))
+    from dmis.brdf.relief import BumpMap  # loaded already
+
+    relief = material.relief
+    return replace(material, relief=replace(relief, unit_tangents=None)) if isinstance(relief, BumpMap) else material
 
 
 def _placed(shape: Shape, material: Material) -> Mesh:
