@@ -392,12 +392,14 @@ def test_what_is_left_out_is_named(tmp_path):
         "extension KHR_materials_sheen",
     }
     assert len(caught) == 1 and caught[0].filename == __file__
+    file.json["extensionsRequired"] = ["KHR_texture_transform"]
+    with pytest.raises(ValueError, match=r"a\.glb.*requires normalTexture to be rotated"):
+        file.load(tmp_path)
     # points, lines and morph targets are left out
     file = File().mesh()
     file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1, 3)]
     file.json["meshes"][0]["weights"] = [0, 1]
-    named = r"left out: morphed mesh \(shown as it is modelled\), set of points or lines \(3\)$"
-    with pytest.warns(SceneWarning, match=named):
+    with pytest.warns(SceneWarning, match=r"out: morphed mesh .*as it is modelled\), set of points or lines \(3\)$"):
         assert len(file.load(tmp_path).parts) == 2  # with the default lamp's
     # an unlit surface is matte, and named; a hidden node and its children are left out, as they should be
     unlit = {"KHR_materials_unlit": {}}

@@ -146,6 +146,8 @@ class Materials:
             self.leave_out(f"{name} with other coordinates than {next(iter(infos))}", info)
             return None
         if place.get("rotation"):
+            if "KHR_texture_transform" in self._gltf.json.get("extensionsRequired", ()):
+                raise ValueError(f"it requires {name} to be rotated, which is not read; export it without rotation")
             self.leave_out(f"{name} that is rotated", info)
             return None
         texture = self._gltf.item("textures", info["index"])
