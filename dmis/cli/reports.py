@@ -15,7 +15,7 @@ from dmis.experiment.reference import load_reference, make_reference
 from dmis.experiment.table import Comparison, read_comparison
 from dmis.fit.registry import make_rule
 from dmis.pipeline.job import DEFAULT_SPP
-from dmis.report.compare import can_draw, check_output, parse_rules, split_rules
+from dmis.report.compare import can_draw, check_output, check_reference, parse_rules, split_rules
 from dmis.report.compare import compare as compare_rules
 from dmis.report.tables import PAPER, STYLES, overview, paper_table, paper_titles, summary
 from dmis.report.templates import write_page
@@ -69,6 +69,7 @@ def _compare_scene(options: argparse.Namespace, whole: Scene, output: Path) -> C
         of_renders: dict[str, Any] = {"settings": settings, "parallel": options.threads, "progress": progress}
         if options.reference is not None:
             reference = load_reference(options.reference, whole, settings)
+            check_reference(reference, whole)
             reference = reference.cropped(window_area(options.crop, whole.camera.resolution))
         else:
             reference = make_reference(scene, options.reference_spp, **of_renders)

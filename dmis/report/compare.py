@@ -142,18 +142,24 @@ def _check_arguments(
                 f"a rule of compare must be text, by which results.csv finds its rows; got {rule_text(rule)}. Name a "
                 f'class of your own by dmis.register_rule("mine", MyRule), and write "mine:patch=8"'
             )
+    if reference is not None:
+        check_reference(reference, scene)
+    rules = list(dict.fromkeys(("balance", *rules)))
+    for rule in rules:
+        merge_settings(settings, scene, make_rule(rule), rule)
+    return rules, [whole("spp", n, 1) for n in spp], seed_list(seeds)
+
+
+def check_reference(reference: Any, scene: Scene) -> None:
+    """Raise a ValueError unless `reference` is one of the resolution of a scene."""
     width, height = scene.camera.resolution
     is_fitting = isinstance(reference, Reference) and reference.first.shape[:2] == (height, width)
-    if reference is not None and not is_fitting:
+    if not is_fitting:
         got = reference.first.shape[1::-1] if isinstance(reference, Reference) else type(reference).__name__
         raise ValueError(
             f"reference must be a dmis.Reference of {width}x{height} pixels, like the scene, which "
             f"dmis.make_reference(scene) renders; got {got}"
         )
-    rules = list(dict.fromkeys(("balance", *rules)))
-    for rule in rules:
-        merge_settings(settings, scene, make_rule(rule), rule)
-    return rules, [whole("spp", n, 1) for n in spp], seed_list(seeds)
 
 
 def _draw(comparison: Comparison, folder: Path) -> None:

@@ -107,8 +107,9 @@ def test_errors_of_a_crop(tmp_path, capsys):
     assert (float(row["mse"]), float(row["relmse"])) == pytest.approx(expected, rel=1e-4)
     assert main([*small, "-o", str(tmp_path / "part")]) == 2  # the rows there are of the window
     assert "resolution was [20, 17], now is [24, 18]" in capsys.readouterr().err
-    for crop, message in (("4,1,4,18", "0 <= x0 < x1 <= 24"), ("0,0,24,19", "got (0, 0, 24, 19)")):
-        assert main([*small, "--crop", crop, "-o", str(tmp_path / "bad")]) == 2
+    smaller = ("0,0,8,8 --resolution 12x9", "of 12x9 pixels")  # its window is inside of the reference
+    for crop, message in (("4,1,4,18", "0 <= x0 < x1 <= 24"), ("0,0,24,19", "got (0, 0, 24, 19)"), smaller):
+        assert main([*small, "--crop", *crop.split(), "-o", str(tmp_path / "bad")]) == 2
         assert message in capsys.readouterr().err and not (tmp_path / "bad").exists()
 
 
