@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples")]
 
-from common import replace_table
+from common import replace_tables
 from rows import markdown
 
 from dmis.cli.arguments import PLUGIN, SCENE, make_parser, settings_options
@@ -183,6 +183,4 @@ def tables() -> dict[str, list[str]]:
 
 
 if __name__ == "__main__":
-    for block, lines in tables().items():
-        page, _, mark = block.partition(": ")
-        replace_table(ROOT / "docs" / page, mark, *lines)
+    replace_tables(tables())

@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples"), str(ROOT / "examples" / "thesis")]
 
 import frozen
-from common import machine, replace_table
+from common import machine, replace_table, replace_tables
 from pieces import GALLERY, PIECES, Piece
 from rows import markdown, read_rows, write_rows
 
@@ -54,12 +54,6 @@ Rows = dict[str, dict[str, str]]
 """Rows of `PUBLISHED` by piece."""
 
 
-def page_of(block: str) -> tuple[Path, str]:
-    """Return the page and the mark of a block such as ``"results.md: steps"``."""
-    name, _, mark = block.partition(": ")
-    return (ROOT if name == "README.md" else DOCS) / name, mark
-
-
 def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
     """Write the blocks of the pieces, and `commands`, into the pages; pieces without rows are left out."""
     for piece in pieces:
@@ -67,8 +61,7 @@ def write_pages(pieces: Iterable[Piece] = PIECES) -> None:
         if missing:
             print(f"{piece.name}: there is no {', '.join(missing)}", file=sys.stderr)
         elif piece.module:
-            for block, lines in import_module(piece.module).tables().items():
-                replace_table(*page_of(block), *lines)
+            replace_tables(import_module(piece.module).tables())
     replace_table(PAGE, "published", *commands())
 
 

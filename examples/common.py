@@ -8,6 +8,7 @@ import os
 import platform
 import re
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dmis.base.atomic_files import check_writable
@@ -67,6 +68,19 @@ def write_webp(picture: Path, to: Path) -> None:
     with Image.open(picture) as image:
         image.convert("RGB").save(to, quality=85, method=6)
     print(to)
+
+
+def replace_tables(tables: Mapping[str, Sequence[str]]) -> None:
+    """Write the lines of blocks such as ``"results.md: steps"`` into the pages."""
+    for block, lines in tables.items():
+        page, mark = page_of(block)
+        replace_table(page, mark, *lines)
+
+
+def page_of(block: str) -> tuple[Path, str]:
+    """Return the page and the mark of a block such as ``"results.md: steps"``."""
+    name, _, mark = block.partition(": ")
+    return (ROOT if name == "README.md" else ROOT / "docs") / name, mark
 
 
 def replace_table(page: Path, kind: str, *lines: str) -> None:

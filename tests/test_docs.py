@@ -9,7 +9,6 @@ import runpy
 from pathlib import Path
 from types import SimpleNamespace
 
-import code_tables
 import numpy as np
 import pytest
 from helpers import Z_LIMIT, run_cell, shared_scene
@@ -163,15 +162,6 @@ def next_page(name):
     """Return the page to which the last paragraph of a page leads."""
     *_, last = (ROOT / "docs" / name).read_text("utf-8").rstrip().split("\n\n")
     return re.match(r"Next: \[[^]]+\]\((.*?\.md)\)", last)[1]
-
-
-@pytest.mark.parametrize("block", code_tables.tables())
-def test_tables_of_code(block):
-    """Tables that the code writes are those of benchmarks/code_tables.py, which writes them anew."""
-    page, _, mark = block.partition(": ")
-    text = (ROOT / "docs" / page).read_text("utf-8")
-    lines = text.partition(f"<!-- {mark}: begin -->\n")[2].partition(f"\n<!-- {mark}: end -->")[0]
-    assert lines == "\n".join(code_tables.tables()[block])
 
 
 def test_exercises_and_the_batch():

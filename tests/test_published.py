@@ -1,4 +1,4 @@
-"""Every table of the pages is made from committed rows alone, and every picture by the script that is there."""
+"""Every table of the pages is made from committed rows or code alone, and every picture by the script that is there."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import frozen
 import numpy as np
 import publish
 import pytest
+from common import page_of
 from pieces import GALLERY, PIECES, Piece
 
 from dmis.fit.registry import make_rule
@@ -43,13 +44,12 @@ BY_HAND = {
 }
 """Pages with numbers in tables that no block has, and why."""
 ELSEWHERE = {
-    **dict.fromkeys(code_tables.tables(), "tests/test_docs.py"),
     "code.md: lines": "tests/test_count_lines.py",
     "thesis.md: sun": "tests/test_examples.py; the page has the command",
     "results.md: published": "publish.py, below",
 }
 """Blocks that another test compares with what makes them."""
-MODULES = [import_module(name) for name in dict.fromkeys(piece.module for piece in PIECES) if name]
+MODULES = [code_tables, *(import_module(name) for name in dict.fromkeys(piece.module for piece in PIECES) if name)]
 FIGURES = [piece for piece in PIECES if piece.script]
 
 
@@ -69,7 +69,7 @@ def test_every_number_comes_from_committed_rows(module: ModuleType) -> None:
     for block, lines in module.tables().items():
         assert on_pages[block] == [line for text in lines for line in text.split("\n")], block
     for page, sentences in getattr(module, "sentences", dict)().items():
-        text = " ".join(publish.page_of(page)[0].read_text("utf-8").split())
+        text = " ".join(page_of(page)[0].read_text("utf-8").split())
         for sentence in sentences:
             assert " ".join(sentence.split()) in text, page
 

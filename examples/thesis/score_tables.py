@@ -26,7 +26,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import ROOT, SCENES, options, replace_table
+from common import ROOT, SCENES, replace_tables
 
 TABLES = ROOT / "docs" / "tables"
 CSV, ORIGINAL = (TABLES / f"reproduction{of}.csv" for of in ("", "-original"))
@@ -412,12 +412,4 @@ def sentences() -> dict[str, list[str]]:
 
 
 if __name__ == "__main__":
-    opts, given = options(
-        __file__,
-        "tables of the reproduction",
-        page={"type": Path, "help": "gets the tables between its marks"},
-    )
-    for block, lines in tables().items():
-        print("", *lines, sep="\n", flush=True)
-        if given.page is not None:
-            replace_table(given.page, block.partition(": ")[2], *lines)
+    replace_tables(tables())
