@@ -31,7 +31,7 @@ from dmis.formats.pbrt.textures import TEXTURES
 from dmis.image_reader import IMAGE_SUFFIXES
 from dmis.pipeline import image_layers
 
-TOLD = ("fixed", "thesis", "second-moment", "auto")
+LISTED_RULES = ("fixed", "thesis", "second-moment", "auto")
 """Rules whose options are in the table; the other rules are made of these."""
 OF_SETTINGS = {"techniques", "allocation", "combiner", "sampler", "compensation"}
 """Options of rules that `dmis.Settings` describes."""
@@ -127,7 +127,7 @@ def written(name: str, default: object) -> str:
 
 def rules() -> list[str]:
     """Return a table of the rules' options."""
-    rows = [[f"`{name}`", *row] for name in TOLD for row in options_of(RULES[name])]
+    rows = [[f"`{name}`", *row] for name in LISTED_RULES for row in options_of(RULES[name])]
     return markdown(["rule", "option and default", "what it sets"], rows)
 
 
