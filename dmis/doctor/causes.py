@@ -30,7 +30,7 @@ LOG_FACTORS = np.log(2) * np.array([-3, -2, -1, 1, 2, 3])
 STEPS, DELTA = 5, 0.01
 """Steps of the search for a factor, and the difference of its logarithm that a slope is taken over."""
 SURE, LEAST_Z = 5.0, 3.0
-"""Standard errors of a fault that is sure to be named; of fewer, a cause explains nothing (of many, one has 2)."""
+"""Standard errors of a fault that is surely named; least ones of a cause: by chance, the best of many has 2."""
 KINDS = {
     "": (("p_l", "p_b", "f"), ""),
     "light": (("p_l", "f"), ""),

@@ -26,7 +26,7 @@ LIGHT_ROWS = 6
 """Light samples kept for each BRDF sample: more would not make differences more certain."""
 EXCHANGED = "p_l and p_b"
 """What stands for a column if both densities are exchanged: p_l is lowered by a shift, and p_b raised."""
-LABELS_TOLD = 4
+MOST_MASKS = 4
 """Most lights, lobes or depths that have a mask: those of the most rows, but first any that one technique lacks."""
 
 
@@ -161,7 +161,7 @@ def gather(table: DoctorTable, most: int, seed: int, half: int | None = None) ->
         counts = np.bincount(side, minlength=2 * len(values)).reshape(-1, 2)
         last = np.lexsort((counts.sum(axis=1), counts.min(axis=1) == 0))
         enough = expected_rows(h, 1, side, len(values)) >= LEAST_ROWS
-        for k in last[enough[last]][-LABELS_TOLD:] if len(values) > 1 else ():
+        for k in last[enough[last]][-MOST_MASKS:] if len(values) > 1 else ():
             labels[f"{name} {values[k]}"] = part == k
     with np.errstate(divide="ignore"):  # f may be 0
         logs = {"p_l": np.log(a_l), "p_b": np.log(a_b), "f": np.log(some.f)}

@@ -62,7 +62,7 @@ class Table:
         ends, bold, special = _MARKUP[style]
         head = [title.translate(special) for title in self.titles]
         rows = [self._texts(row, ends, bold, special) for row in self.rows]
-        is_wide = any("(–)" in text for row in rows for text in row)
+        is_wide = any(cell.is_wide for row in self.rows for cell in row if isinstance(cell, Interval))
         note = [TOO_FEW] if is_wide else []
         if style == ".md":
             lines = [f"| {' | '.join(line)} |\n" for line in (head, *rows)]
