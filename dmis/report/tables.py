@@ -81,7 +81,7 @@ class Table:
             if isinstance(cell, str):
                 texts.append(cell.translate(special))
                 continue
-            wins = cell.high < 1 and not title.startswith(self.uncertain)
+            wins = cell.high < 1 and not (cell.is_wide or title.startswith(self.uncertain))
             texts.append(bold.format(cell.text(ends)) if wins else cell.text(ends))
         return texts
 
