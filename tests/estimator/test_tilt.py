@@ -69,6 +69,9 @@ def test_one_half_is_the_balance_heuristic(integrator: str) -> None:
     tilted, balance = (dmis.render(scene, rule, 8, **options) for rule in ("fixed:0.5,weigh=heuristic", "balance"))
     np.testing.assert_array_equal(tilted.image, balance.image)
     assert tilted.rays == balance.rays
+    shares = shares_of(0.25)[:, None]  # a tilt of uneven shares that equals these changes nothing, either
+    rounds = (Round(8, shares, dmis.Settings(integrator=integrator), tilt=tilt) for tilt in (shares, None))
+    np.testing.assert_array_equal(*(render_tile(scene, image_tile(scene, 2, round_)).mean for round_ in rounds))
 
 
 def test_what_counts_nothing_is_not_traced() -> None:
@@ -88,11 +91,10 @@ def test_what_counts_nothing_is_not_traced() -> None:
 
 def test_pilots_and_final_pass_are_tilted() -> None:
     """All rounds of `thesis` have equal shares, and its weights as their tilt."""
-    scene, rounds = shared_scene("tt", (40, 22)), []
+    scene = shared_scene("tt", (40, 22))
     rule = dmis.make_rule("thesis:weigh=heuristic")
     budget = Budget(16, (22, 40), dmis.Settings(), weigh=rule.weigh)
-    for weight in rule.pilot:
-        rounds.append(budget.pilot(weight, 2))
+    rounds = [budget.pilot(weight, 2) for weight in rule.pilot]
     assert [tuple(round_.tilt) for round_ in rounds] == [(0, 1), (0.5, 0.5), (1, 0)]
     assert all((round_.shares == 0.5).all() for round_ in rounds)
     result = dmis.render(scene, rule, 16, seed=1)
