@@ -141,7 +141,8 @@ def resolve(
 
 def budget_of(job: Job) -> Budget:
     """Return what the rule of a job makes its rounds with."""
-    shape, weigh = job.given_scene.camera.resolution[::-1], job.rule.weigh or job.settings.weigh
+    shape = job.given_scene.camera.resolution[::-1]
+    weigh = job.rule.weigh or job.settings.weigh
     return Budget(job.spp, shape, job.settings, job.seed, weigh, job.scene.plan)
 
 

@@ -81,8 +81,10 @@ class Table:
             if isinstance(cell, str):
                 texts.append(cell.translate(special))
                 continue
-            wins = cell.high < 1 and not (cell.is_wide or title.startswith(self.uncertain))
-            texts.append(bold.format(cell.text(ends)) if wins else cell.text(ends))
+            text = cell.text(ends)
+            uncertain = cell.is_wide or title.startswith(self.uncertain)
+            wins = cell.high < 1 and not uncertain
+            texts.append(bold.format(text) if wins else text)
         return texts
 
     def _csv(self) -> str:

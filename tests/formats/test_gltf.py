@@ -395,7 +395,6 @@ def test_what_is_left_out_is_named(tmp_path):
     file.json["extensionsRequired"] = ["KHR_texture_transform"]
     with pytest.raises(ValueError, match=r"a\.glb.*requires normalTexture to be rotated"):
         file.load(tmp_path)
-    # points, lines and morph targets are left out
     file = File().mesh()
     file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1, 3)]
     file.json["meshes"][0]["weights"] = [0, 1]

@@ -164,7 +164,7 @@ def test_streams_of_long_seeds() -> None:
 @each_kind
 def test_errors_of_pixels_are_independent(kind: str) -> None:
     """Pixels that see the same have errors of their own: the mean of a tile is as much better as it has pixels."""
-    camera = Camera.look_at((0, -0.5, 1.2), (0, 0.3, 0), fov=2, resolution=(16, 16))
+    camera = Camera.look_at((0, -0.5, 1.2), (0, 0.3, 0), fov=2, resolution=(32, 8))
     floor = Part(quad((-50, -50, 0), (100, 0, 0), (0, 100, 0)), matte(0.8))
     wall = Part(quad((-50, 1.5, -1), (100, 0, 0), (0, 0, 50)), matte(0.8))
     scene = Scene(camera, (floor, wall), (QuadLight((-1, -1, 1.5), (0, 2, 0), (2, 0, 0), (3, 3, 3)),))
@@ -175,17 +175,24 @@ def test_errors_of_pixels_are_independent(kind: str) -> None:
 
 
 def test_no_number_is_drawn_twice() -> None:
-    """Both sides of a sheet of rough glass, and all lights, take numbers of their own."""
+    """Both sides of a sheet of rough glass, and all lights, take numbers of their own, and so do pixels and samples."""
     drawn: list[tuple[object, int]] = []
 
     class Noted(Independent):
+        def start(self, pixel, number):
+            self.pixel = pixel
+            super().start(pixel, number)
+
         def draw(self, key, index, number=None):
-            drawn.extend((key, sample) for sample in take(np.arange(self._size), index).tolist())
+            place = np.arange(self._size) if number is None else 100 * self.pixel
+            drawn.extend((key, n) for n in (take(place, index) + (0 if number is None else number)).tolist())
             return super().draw(key, index, number)
 
     register_sampler("noted", Noted)
     lights = (QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), (8, 8, 8)), EnvironmentLight(1.0))
     render(box_scene(rough_glass(alpha=0.3), lights), "balance", 1, sampler="noted", parallel=1)
     # place in the pixel; for each side, light and technique a direction
-    assert len({key for key, _ in drawn}) == 1 + 2 * 2 * 2
+    assert len({key for key, _ in drawn}) == 1 + 2 * 2 * 2 and len(set(drawn)) == len(drawn)
+    drawn.clear()
+    render(box_scene(lights=lights, resolution=(8, 3)), "fixed:0.3", 4, sampler="noted", parallel=1)
     assert len(set(drawn)) == len(drawn)
