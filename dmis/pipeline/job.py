@@ -142,8 +142,7 @@ def resolve(
 def budget_of(job: Job) -> Budget:
     """Return what the rule of a job makes its rounds with."""
     shape = job.given_scene.camera.resolution[::-1]
-    weigh = job.rule.weigh or job.settings.weigh
-    return Budget(job.spp, shape, job.settings, job.seed, weigh, job.scene.plan)
+    return Budget(job.spp, shape, job.settings, job.seed, job.rule.weigh or job.settings.weigh, job.scene.plan)
 
 
 def _of_window(job: Job) -> Job:

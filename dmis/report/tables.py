@@ -83,8 +83,9 @@ class Table:
                 continue
             text = cell.text(ends)
             uncertain = cell.is_wide or title.startswith(self.uncertain)
-            wins = cell.high < 1 and not uncertain
-            texts.append(bold.format(text) if wins else text)
+            if cell.high < 1 and not uncertain:
+                text = bold.format(text)
+            texts.append(text)
         return texts
 
     def _csv(self) -> str:
