@@ -19,11 +19,13 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import show
-from rows import markdown, writer
-from show_points import HEAD, field_rows
+from equal_time import equal_time_ratio
+from rows import markdown, read_runs, writer
+from show_points import cell
 
 import dmis
 from dmis.base.atomic_files import check_writable
+from dmis.experiment.convergence import MEASURES
 from dmis.experiment.runs import measure
 
 SCENE_FILES = (".pbrt", ".gltf", ".glb", ".obj")
@@ -44,6 +46,19 @@ def scene_files(path: Path) -> Iterator[Path]:
 def scene_name(file: Path) -> str:
     """Return what tables call a scene file: its folder, where the file's name says nothing."""
     return file.parent.resolve().name if file.stem.startswith("scene") else file.stem
+
+
+def table(csv: Path) -> list[str]:
+    """Return the table of a file of results, of renders that minimise relMSE."""
+    rows = []
+    for scene, runs in read_runs(csv).items():
+        for spp in sorted({run.spp for run in runs}):
+            auto, balance = ([run for run in runs if (run.rule, run.spp) == (rule, spp)] for rule in RULES[::-1])
+            cells = [cell(*equal_time_ratio(auto, [balance], measure)) for measure in MEASURES]
+            worst = max(run.relmse for run in auto) / max(run.relmse for run in balance)
+            rows.append([scene, str(spp), *cells, f"{worst:.2f}"])
+    heads = (f"{error} over `balance`" for error in MEASURES.values())
+    return markdown(["scene", "samples", *heads, "worst seed over `balance`'s worst"], rows)
 
 
 def main() -> None:
@@ -73,7 +88,7 @@ def main() -> None:
         reference = dmis.make_reference(scene, given.reference, **about)
         turns = [(rule, spp) for spp in given.spp for rule in RULES]
         measure(scene, turns, given.seeds, reference, record=writer(given.csv, name), parallel=1, **about)
-    print("\n".join(markdown(HEAD, field_rows(given.csv))))
+    print("\n".join(table(given.csv)))
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ SEED = 3
 TOLERANCE = 5e-4
 """Relative difference of two numbers of a fingerprint that rounding may make; see `fingerprint`."""
 SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "cornell", "veach-mis", "ten-lights")
+INTERIORS = ("interior", "interior-glasses", "interior-door")
 FLAT = ("teapot-area-light flat", "killeroo-gold flat", "tt flat")
 """Scenes without their vertex normals: no shading normal of theirs leaves the triangle's."""
 FEATURES = ("lens", "pixel filter", "mesh lamp", "mask", "spherical camera")
@@ -53,6 +54,9 @@ def configurations() -> dict[str, dict[str, Any]]:
     for scene in (*SCENES, *FLAT):
         for rule in ("balance", "thesis", "auto"):
             add(scene, rule, integrator="path" if scene == "cornell" else "direct")
+    for scene in INTERIORS:
+        for rule in ("balance", "auto"):
+            add(scene, rule, integrator="direct")
     for scene in (*FLAT, "veach-mis", "ten-lights"):
         add(scene, "balance", integrator="path")
     for rule in ("pbrt", "one-sample", "uniform", "resampled", "fixed:0.25", "thesis:patch=8,filter=none"):

@@ -1,16 +1,17 @@
 """
-Low-discrepancy points, compensation, numbers of samples, shares: what each saves
-==================================================================================
+What each step saves, and error against run time
+================================================
 
-Measures four steps over one light and one BRDF sample with independent points and the balance heuristic: Sobol points,
-sky compensation, numbers of samples per pixel (`counts`), and shares of light samples (`auto`). Two more
-rules need no pilot: the power heuristic, and light samples alone. At several budgets, pilot included, on the thesis's
-four scenes and on the two that are held out: no constant was chosen on those. `counts` and `auto` are measured twice,
-because they make relMSE least by default, and MSE with ``error=absolute``.
+Measures four steps over one light and one BRDF sample with independent points and the balance heuristic, at 128 samples
+per pixel, pilot included: Sobol points, sky compensation, numbers of samples per pixel (`counts`), and shares of light
+samples (`auto`). Beside them the thesis's rule, `second-moment`, the power heuristic and light samples alone. `counts`
+and `auto` are measured twice, because they minimise relMSE by default, and MSE with ``error=absolute``. The rules of
+the figures of error against time also have budgets from 4 to 512 samples. Scenes are the thesis's four, and those that
+are held out.
 
 One thread, CPU seconds, all rules in turns. Each render is a row of docs/tables/points.csv, written as soon as it is
-made; an interrupted run continues after the last. Remove the file to measure again: some ten minutes for each scene.
-`show_points` makes the tables.
+made; an interrupted run continues after the last. Remove the file to measure again: some 20 minutes for each scene.
+`show_points` and `show_error_time` make the tables and figures.
 """
 
 import sys
@@ -21,29 +22,29 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import TABLES, options, show
 from rows import read_runs, writer
-from show_points import ABSOLUTE, CSV, LEARNED, PINNED, PLAIN, PLAIN_SOBOL, SKY, SOBOL, UNLEARNED
+from show_points import ABSOLUTE, AUTO, CSV, HELD_OUT, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL, SPP, TILT
 
 import dmis
 from dmis.experiment.runs import measure
 
-BUDGETS = (128, 16, 32, 64)
-BEYOND = 256
-"""Budget of `SOBOL` alone, because other rules take up to twice as long."""
-HELD_OUT = {"veach-mis": (240, 180), "ten-lights": (200, 150)}
-"""Held-out scenes and their resolutions."""
+BUDGETS = {4: 4, 8: 4, 16: 4, 32: 4, 64: 4, 256: 3, 512: 3}
+"""Budgets of the figures beside `SPP`, and their numbers of seeds."""
+LEAST = {AUTO: 16, ABSOLUTE[AUTO]: 16, TILT: 8}
+"""Smallest budgets of rules that need a pilot."""
+SIZES = {"veach-mis": (240, 180), "ten-lights": (200, 150)}
+"""Resolutions of the scenes that are not the thesis's; others have that of the file."""
 MORE_SEEDS = {"killeroo-gold": 18}
-"""Seeds more than for other scenes at 128 spp, where few pixels have most of the error."""
-
-
+"""Seeds more than for other scenes at `SPP`, where few pixels have most of the error."""
 Plan = tuple[Sequence[str], int, int]
 """Rules that take turns, camera samples per pixel, and number of seeds."""
 
 
-def plans_of(name: str, seeds: int, most: int) -> list[Plan]:
-    """Return the plans of a scene."""
-    rules = [PINNED, SOBOL, *UNLEARNED, *LEARNED, *ABSOLUTE.values(), *((PLAIN, PLAIN_SOBOL) if name in SKY else ())]
-    of_budgets = [(rules, spp, most + MORE_SEEDS.get(name, 0) if spp == 128 else seeds) for spp in BUDGETS]
-    return [([SOBOL], BEYOND, seeds), *of_budgets]
+def plans_of(name: str, most: int) -> list[Plan]:
+    """Return the plans of a scene: all rules at `SPP` with `most` seeds, and the lines of the figures."""
+    rules = [PINNED, SOBOL, *RULES, *ABSOLUTE.values(), *((PLAIN, PLAIN_SOBOL) if name in SKY else ())]
+    lines = [PLAIN if name in SKY else PINNED, SOBOL, TILT, AUTO, ABSOLUTE[AUTO]]
+    figures = [([r for r in lines if LEAST.get(r, 0) <= n], n, min(seeds, most)) for n, seeds in BUDGETS.items()]
+    return [(rules, SPP, most + MORE_SEEDS.get(name, 0)), *figures]
 
 
 def run_plans(name: str, scene: dmis.Scene, plans: Sequence[Plan], csv: Path, reference_spp: int) -> None:
@@ -77,8 +78,7 @@ def main() -> None:
     opts, given = options(
         __file__,
         "what points, compensation, numbers of samples and shares save, in equal time",
-        seeds={"type": int, "default": 5, "help": "number of seeds (default 5)"},
-        most={"type": int, "default": 6, "help": "number of seeds at 128 samples (default 6)"},
+        seeds={"type": int, "default": 6, "help": "number of seeds at 128 samples (default 6)"},
         scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes (default: all)"},
         csv={"type": Path, "default": CSV, "help": "rows of results (default docs/tables/points.csv)"},
     )
@@ -86,9 +86,9 @@ def main() -> None:
         if name in TABLES:
             scene = opts.scene(name, TABLES[name] * opts.pick(12, 1))
         else:
-            width, height = HELD_OUT[name]
+            width, height = SIZES.get(name) or dmis.load_scene(name).camera.resolution
             scene = dmis.load_scene(name, resolution=(width // opts.pick(8, 1), height // opts.pick(8, 1)))
-        run_plans(name, scene, plans_of(name, given.seeds, given.most), given.csv, opts.pick(16, 1024))
+        run_plans(name, scene, plans_of(name, given.seeds), given.csv, opts.pick(16, 1024))
 
 
 if __name__ == "__main__":

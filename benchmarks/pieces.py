@@ -66,7 +66,8 @@ BALANCE = renders_of(FOUR, "balance")
 THESIS = (*BALANCE, *renders_of(FOUR, "thesis"))
 AUTO = (*BALANCE, *renders_of(FOUR, "auto"))
 ALL = (*THESIS, *renders_of(FOUR, "auto"))
-HELD_OUT = renders_of(("veach-mis", "ten-lights"), "balance integrator=direct", "auto integrator=direct")
+INTERIORS = ("interior", "interior-glasses", "interior-door")
+HELD_OUT = renders_of(("veach-mis", "ten-lights", *INTERIORS), "balance integrator=direct", "auto integrator=direct")
 PATHS = (*renders_of(("cornell", "ten-lights"), "balance", "auto"), *AUTO)
 BY_PATHS = renders_of(("cornell", "tt", "veach-mis", "ten-lights"), "balance integrator=path")
 CORNELL = renders_of(("cornell",), "auto", "second-moment")
@@ -75,15 +76,13 @@ OTHER_RULES = renders_of(("tt",), "second-moment", "taylor", "neyman")
 BENCH = (*ALL, *HELD_OUT, *renders_of(("cornell",), "balance", "thesis"), *OTHER_RULES)
 WEIGHTS = "tables/mis-bench.csv", "tables/weight-bounds.csv", "tables/weight-renders.csv"
 WEIGHT_FIGURES = "images/what-weights-save.webp", "images/edges-and-resolution.webp"
-ERROR_TIME = tuple(f"images/error-time-{scene}.webp" for scene in FOUR)
+ERROR_TIME = tuple(f"images/error-time-{scene}.webp" for scene in (*FOUR, "veach-mis", "ten-lights", *INTERIORS))
 DEMO = renders_of(FOUR[:1], "balance", "thesis", "auto")
-FIELD = "benchmarks/field.py field-scenes --seeds 5 --reference 512 --csv docs/tables/field.csv"
 SIMPLEX = (*BALANCE, "tt simplex", "teapot-area-light fixed")
 
 PIECES: tuple[Piece, ...] = (
     # Measurements.
-    Piece("points", "benchmarks/make_points_table.py", "show_points", (*AUTO, *HELD_OUT)),
-    Piece("field", FIELD, "show_points", AUTO),
+    Piece("points", "benchmarks/make_points_table.py", "show_points", (*ALL, *HELD_OUT)),
     Piece("paths", "benchmarks/make_path_table.py", "show_paths", PATHS),
     Piece("speed", "benchmarks/speed.py", "speed", BALANCE, ("tables/speed.csv", "tables/speed-targets.csv")),
     Piece("mitsuba-speed", "benchmarks/against_mitsuba.py --tables speed", "show_mitsuba", BALANCE),
@@ -104,7 +103,6 @@ PIECES: tuple[Piece, ...] = (
     Piece("parabola", "benchmarks/make_parabola_table.py", "make_parabola_table", THESIS),
     Piece("mitsuba-agreement", "benchmarks/agreement.py", "agreement", BALANCE),
     Piece("doctor-faults", "benchmarks/doctor_faults.py", "doctor_faults", (*BALANCE, *HELD_OUT)),
-    Piece("error-time", "benchmarks/make_error_time.py", "", THESIS),
     Piece(
         "error-time-figures",
         "benchmarks/show_error_time.py",

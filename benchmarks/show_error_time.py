@@ -2,9 +2,9 @@
 Error against run time
 ======================
 
-Draws docs/images/error-time-SCENE.webp for each scene of the thesis: relMSE and MSE against CPU seconds, direct light
-above and paths below. Everything comes from rows that other scripts have measured: `make_points_table`,
-`make_error_time`, `make_path_table`, `against_mitsuba` and `weight_bounds`. ``tables()`` has the errors in equal time.
+Draws docs/images/error-time-SCENE.webp for each scene: relMSE and MSE against CPU seconds, direct light above and, if
+they were measured, paths below. Everything comes from rows that other scripts have measured: `make_points_table`,
+`make_path_table`, `against_mitsuba` and `weight_bounds`. ``tables()`` has the errors in equal time.
 """
 
 import sys
@@ -19,8 +19,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 import show_mitsuba
 import show_points
 from common import ROOT, options, print_canvas
-from equal_time import equal_time_ratio
-from pieces import FOUR
 from PIL import Image
 from rows import markdown, read_rows, read_runs
 
@@ -29,14 +27,8 @@ from dmis.experiment.convergence import MEASURES, Measure
 from dmis.experiment.metrics import mean_and_error
 from dmis.experiment.runs import Run
 
-CSV = ROOT / "docs" / "tables" / "error-time.csv"
-PATHS, BOUNDS = CSV.with_name("paths.csv"), CSV.with_name("weight-bounds.csv")
-SPP = 128
-"""Budget of the table, and of the renders beside Mitsuba's."""
-PATHS_SPP = 64
-"""The same by paths."""
-TILT, SHARES = (f"thesis:weigh={w},sampler=independent" for w in ("heuristic", "samples"))
-SECOND_MOMENT = "second-moment:sampler=sobol"
+TABLES = ROOT / "docs" / "tables"
+PATHS, BOUNDS = TABLES / "paths.csv", TABLES / "weight-bounds.csv"
 
 
 class Line(NamedTuple):
@@ -51,10 +43,8 @@ class Line(NamedTuple):
 
 LINES = (
     Line("balance, independent", show_points.PLAIN, "independent", "0.55", "o"),
-    Line("thesis:weigh=heuristic", TILT, "", "#d55e00", "s"),
-    Line("thesis:weigh=samples", SHARES, "", "#d9a200", "D"),
+    Line("thesis", show_points.TILT, "", "#d55e00", "s"),
     Line("balance, Sobol", show_points.SOBOL, "roulette", "black", "o"),
-    Line("second-moment, Sobol", SECOND_MOMENT, "", "#c565b0", "^"),
     Line("auto, Sobol", show_points.AUTO, "auto", "#2b8cd6", "v"),
 )
 """The thesis's baseline and its rule are without sky compensation, the lines below have it."""
@@ -65,9 +55,7 @@ Lines = dict[str, dict[int, list[Run]]]
 
 def direct(scene: str, measure: Measure) -> Lines:
     """Return the runs in direct light, fewest samples first."""
-    runs = dict(show_points.measured()[scene])
-    for run in read_runs(CSV).get(scene, []):
-        runs.setdefault((run.rule, run.spp), []).append(run)
+    runs = show_points.measured()[scene]
     rules = {line.label: line.direct for line in LINES}
     if measure == "mse":
         rules = {label: show_points.ABSOLUTE.get(rule, rule) for label, rule in rules.items()}
@@ -83,11 +71,11 @@ def by_paths(scene: str) -> Lines:
     return lines
 
 
-def bound(name: str, measure: Measure) -> float:
-    """Return what the best shares leave of the balance heuristic's error, at the smallest size of a scene."""
+def bound(name: str, measure: Measure) -> float | None:
+    """Return what the best shares leave of the balance heuristic's error, at the smallest size of a scene; or None."""
     kind = {"relmse": "relative", "mse": "absolute"}[measure]
     rows = [r for r in read_rows(BOUNDS) if (r["scene"], r["measure"], r["bound"]) == (name, kind, "share per patch")]
-    return float(min(rows, key=lambda row: int(row["width"]))["value"])
+    return float(min(rows, key=lambda row: int(row["width"]))["value"]) if rows else None
 
 
 def points(of_rule: Mapping[int, Sequence[Run]], measure: Measure) -> np.ndarray:
@@ -126,37 +114,37 @@ def draw(axis: Any, lines: Lines, measure: Measure, limit: float | None, mitsuba
 def figure(scene: str) -> Any:
     """Return the figure of a scene."""
     name = scene.split()[0]
-    drawn, axes = print_canvas(2, 2, 6.4, sharex="row")
+    paths = by_paths(scene)
+    rows = 2 if paths[BALANCE] else 1
+    drawn, axes = print_canvas(rows, 2, 3.4 * rows, sharex="row")
     for column, (measure, title) in zip(axes.T, MEASURES.items(), strict=True):
-        direct_rows, path_rows = read_rows(show_mitsuba.ERRORS), read_rows(show_mitsuba.PATHS)
-        theirs = [show_mitsuba.best(rows, name, "balance", measure) for rows in (direct_rows, path_rows)]
-        draw(column[0], direct(scene, measure), measure, bound(name, measure), theirs[0])
-        draw(column[1], by_paths(scene), measure, None, theirs[1])
+        theirs = show_mitsuba.best(read_rows(show_mitsuba.ERRORS), name, "balance", measure)
+        draw(column[0], direct(scene, measure), measure, bound(name, measure), theirs)
         column[0].set_title(f"{title}, direct light")
-        column[1].set_title(f"{title}, by paths")
-        column[1].set_xlabel("CPU seconds")
+        if rows == 2:
+            theirs = show_mitsuba.best(read_rows(show_mitsuba.PATHS), name, "balance", measure)
+            draw(column[1], paths, measure, None, theirs)
+            column[1].set_title(f"{title}, by paths")
+        column[-1].set_xlabel("CPU seconds")
     labelled = dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True))
     drawn.legend(labelled.values(), labelled, loc="outside lower center", ncols=4)
     return drawn
 
 
-def scenes() -> list[str]:
-    """Return the measured scenes of the thesis with their resolutions."""
-    return [scene for scene in show_points.measured() if scene.split()[0] in FOUR]
-
-
 def tables() -> dict[str, list[str]]:
     """Return the table of relMSE in equal time, over the balance heuristic with Sobol points."""
+    rules = {
+        **show_points.UNLEARNED,
+        show_points.TILT: "`thesis`",
+        show_points.SHARES: "`thesis:weigh=samples`",
+        show_points.SECOND_MOMENT: "`second-moment`",
+        show_points.AUTO: "`auto`",
+    }
     rows = []
-    for scene in scenes():
-        lines = direct(scene, "relmse")
-        base = list(lines[BALANCE].values())
-        labels = [line.label for line in LINES if line.label != BALANCE and lines[line.label]]
-        ratios = [show_points.over(scene, rule, show_points.SOBOL, "relmse") for rule in show_points.UNLEARNED]
-        ratios += [equal_time_ratio(lines[label][SPP], base, "relmse") for label in labels]
-        rows.append([scene, *(show_points.cell(*ratio) for ratio in ratios)])
-    head = ["scene", *show_points.UNLEARNED.values(), *labels]
-    return {"results.md: equal-time": markdown(head, rows)}
+    for scene in show_points.measured():
+        ratios = (show_points.over(scene, rule, show_points.SOBOL, "relmse") for rule in rules)
+        rows.append([show_points.title(scene), *(show_points.cell(*ratio) for ratio in ratios)])
+    return {"results.md: equal-time": markdown(["scene", *rules.values()], rows)}
 
 
 def main() -> None:
@@ -166,7 +154,7 @@ def main() -> None:
         "figures of error against time",
         folder={"type": Path, "default": ROOT / "docs" / "images", "help": "of the pictures (default docs/images)"},
     )
-    for scene in scenes():
+    for scene in show_points.measured():
         drawn = figure(scene)
         drawn.savefig(opts.output, dpi=200)
         target = given.folder / f"error-time-{scene.split()[0]}.webp"

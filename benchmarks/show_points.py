@@ -1,11 +1,9 @@
-"""Tables of README and docs/results.md from the rows of make_points_table.py, field.py and against_mitsuba.py."""
+"""Tables of README and docs/results.md from the rows of make_points_table.py and against_mitsuba.py."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from statistics import median
 
 import show_mitsuba
@@ -18,15 +16,17 @@ from dmis.experiment.convergence import MEASURES, Interval, Measure
 from dmis.experiment.runs import Run
 
 CSV = ROOT / "docs" / "tables" / "points.csv"
-FIELD = CSV.with_name("field.csv")
 PLAIN, PLAIN_SOBOL = "balance:sampler=independent,compensation=0", "balance:sampler=sobol,compensation=0"
 PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
 COUNTS, AUTO = "counts:sampler=sobol", "auto:sampler=sobol"
 ABSOLUTE = {rule: f"{rule},error=absolute" for rule in (COUNTS, AUTO)}
 """Rules whose MSE is measured in place of these rules'."""
 UNLEARNED = {"pbrt:sampler=sobol": "power heuristic", "fixed:1,sampler=sobol": "light samples alone"}
-LEARNED = {COUNTS: "`counts`", AUTO: "`auto`"}
-"""Rules that are compared with `balance` with Sobol points, and what tables call them."""
+"""Rules without a pilot, and what tables call them."""
+TILT, SHARES = (f"thesis:weigh={w},sampler=independent" for w in ("heuristic", "samples"))
+SECOND_MOMENT = "second-moment:sampler=sobol"
+RULES = (*UNLEARNED, COUNTS, AUTO, TILT, SHARES, SECOND_MOMENT)
+"""Rules that are compared with `balance` with Sobol points."""
 STEPS = {
     "Sobol / independent points": (PLAIN_SOBOL, PLAIN),
     "sky compensation": (SOBOL, PLAIN_SOBOL),
@@ -36,13 +36,16 @@ STEPS = {
 """Steps from the thesis's baseline to `auto`: a rule, and the rule that it is compared with."""
 SKY = ("tt",)
 """Scenes with a sky: on the others compensation changes no bit, and is not rendered."""
-HELD_OUT = ("veach-mis", "ten-lights")
+HELD_OUT = ("veach-mis", "ten-lights", "interior", "interior-glasses", "interior-door")
 SPP = 128
 """Budget of the steps and of README."""
-HEAD = ("scene", "relMSE over `balance`", "MSE over `balance`", "worst seed over `balance`'s worst")
-"""Columns of `field_rows`."""
-BESIDE = ("relMSE over independent points", "relMSE over Mitsuba's best", "MSE over Mitsuba's best")
-"""Columns that the table of results has beside these, in front of the last one."""
+FEW = (16, 32, 64, SPP)
+"""Budgets of the table of losses."""
+HEAD = (
+    *("scene", "relMSE over `balance`", "MSE over `balance`", "relMSE over independent points"),
+    *("relMSE over Mitsuba's best", "MSE over Mitsuba's best", "worst seed over `balance`'s worst"),
+)
+"""Columns of the table of results."""
 
 
 @cache
@@ -94,63 +97,50 @@ def steps(measure: Measure) -> list[str]:
     return markdown([MEASURES[measure], *STEPS], [*rows, ["geometric mean", *means]])
 
 
-def budgets() -> list[int]:
-    """Return the numbers of samples per pixel of all rules."""
-    return sorted({spp for of in measured().values() for rule, spp in of if rule == AUTO})
-
-
 def losses() -> list[str]:
-    """Return the table of the rules that learn where an interval at some budget lies above 1."""
+    """Return the table of `auto` where an interval at some budget lies above 1."""
     rows = []
-    for rule in reversed(LEARNED):
-        for measure, error in MEASURES.items():
-            for scene in measured():
-                ratios = [over(scene, rule, SOBOL, measure, spp) for spp in budgets()]
-                if any(ratio.low > 1 for ratio in ratios):
-                    rows.append([f"{LEARNED[rule]}, {scene.split()[0]}, {error}", *(cell(*ratio) for ratio in ratios)])
-    return markdown(["rule, scene, error", *(f"{spp} samples" for spp in budgets())], rows)
+    for measure, error in MEASURES.items():
+        for scene in measured():
+            ratios = [over(scene, AUTO, SOBOL, measure, spp) for spp in FEW]
+            if any(ratio.low > 1 for ratio in ratios):
+                rows.append([f"{title(scene)}, {error}", *(cell(*ratio) for ratio in ratios)])
+    return markdown(["scene, error", *(f"{spp} samples" for spp in FEW)], rows)
 
 
-def worst(of_auto: Sequence[Run], of_balance: Sequence[Run]) -> str:
-    """Return the largest relMSE of `auto` over that of `balance`."""
-    return f"{max(run.relmse for run in of_auto) / max(run.relmse for run in of_balance):.2f}"
+def over_mitsuba(scene: str, measure: Measure) -> str:
+    """Return the error of `auto` over that of Mitsuba's best set-up: by `balance`, which both were compared with.
 
-
-def field_rows(csv: Path) -> list[list[str]]:
-    """Return the rows of scene files: `HEAD` of renders that minimise relMSE."""
-    rows = []
-    for scene, runs in read_runs(csv).items():
-        for spp in sorted({run.spp for run in runs}):
-            auto = [run for run in runs if (run.rule, run.spp) == ("auto", spp)]
-            balance = [run for run in runs if (run.rule, run.spp) == ("balance", spp)]
-            cells = [cell(*equal_time_ratio(auto, [balance], measure)) for measure in MEASURES]
-            rows.append([f"{scene}, {spp} samples", *cells, worst(auto, balance)])
-    return rows
+    The ratio of `balance` and Mitsuba was measured on another machine; a dash where there is none.
+    """
+    best = show_mitsuba.best(read_rows(show_mitsuba.ERRORS), scene.split()[0], "balance", measure)
+    if best is None:
+        return "–"
+    ours, theirs = over(scene, AUTO, SOBOL, measure), float(best["ratio"])
+    # variances of the logarithms of the two ratios add up
+    half = math.hypot(math.log(ours.high / ours.low) / 2, float(best["half"]) / theirs)
+    value = ours.value * theirs
+    return cell(value, value * math.exp(-half), value * math.exp(half))
 
 
 def results() -> list[str]:
     """Return the table of `auto` over the balance heuristic and over Mitsuba's best set-up, on all scenes."""
-    mitsuba = read_rows(show_mitsuba.ERRORS)
     rows = []
     for scene, runs in measured().items():
         cells = [cell(*over(scene, AUTO, SOBOL, measure)) for measure in MEASURES]
         cells.append(cell(*over(scene, AUTO, PLAIN, "relmse")))
-        for measure in MEASURES:
-            best = show_mitsuba.best(mitsuba, scene.split()[0], "auto", measure)
-            cells.append("–" if best is None else show_mitsuba.cell(best))
-        rows.append([title(scene), *cells, worst(runs[AUTO, SPP], runs[SOBOL, SPP])])
-    rows += [[*row[:-1], *("–" for _ in BESIDE), row[-1]] for row in field_rows(FIELD)]
-    return markdown([*HEAD[:-1], *BESIDE, HEAD[-1]], rows)
+        cells += [over_mitsuba(scene, measure) for measure in MEASURES]
+        worst, of_balance = (max(run.relmse for run in runs[rule, SPP]) for rule in (AUTO, SOBOL))
+        rows.append([title(scene), *cells, f"{worst / of_balance:.2f}"])
+    return markdown(HEAD, rows)
 
 
 def front() -> list[str]:
     """Return the table of README: `auto` over the balance heuristic with the same settings, and over Mitsuba's best."""
-    mitsuba = read_rows(show_mitsuba.ERRORS)
     rows = []
     for scene in measured():
-        best = show_mitsuba.best(mitsuba, scene.split()[0], "auto", "relmse")
         cells = [cell(*over(scene, AUTO, SOBOL, measure)) for measure in MEASURES]
-        rows.append([title(scene), *cells, "–" if best is None else show_mitsuba.cell(best)])
+        rows.append([title(scene), *cells, over_mitsuba(scene, "relmse")])
     heads = ("`auto`: relMSE over `balance`", "`auto:error=absolute`: MSE over `balance`")
     return markdown(["scene", *heads, "`auto`: relMSE over Mitsuba's best sampler"], rows)
 
@@ -178,18 +168,18 @@ def sentences() -> dict[str, list[str]]:
     thesis = sorted(100 * over(scene, AUTO, PLAIN, "relmse").value for scene in measured())
     (gold,) = (scene for scene in measured() if scene.startswith("killeroo-gold"))
     of_gold, errors = over(gold, AUTO, SOBOL, "relmse"), [run.relmse for run in measured()[gold][AUTO, SPP]]
-    few = [[run.overhead / run.seconds for run in of[AUTO, budgets()[0]]] for of in measured().values()]
+    few = [[run.overhead / run.seconds for run in of[AUTO, FEW[0]]] for of in measured().values()]
     overhead = sorted(100 * median(of_scene) for of_scene in few)
     return {
         "README.md": [
             f"{saved['relmse'][0]:.0f} to {saved['relmse'][-1]:.0f} %",
-            f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % on all six",
+            f"{saved['mse'][0]:.0f} to {saved['mse'][-1]:.0f} % on all nine",
             f"`auto` has {thesis[0]:.0f} to {thesis[-1]:.0f} % of the relMSE of this baseline",
         ],
         "results.md": [
             "lowers the relMSE of `balance` by {:.0f} to {:.0f} %".format(saved["relmse"][0], saved["relmse"][-1]),
             "the MSE by {:.0f} to {:.0f} %".format(saved["mse"][0], saved["mse"][-1]),
-            f"{overhead[0]:.0f} to {overhead[-1]:.0f} % of the time of `auto` at {budgets()[0]} samples",
+            f"{overhead[0]:.0f} to {overhead[-1]:.0f} % of the time of `auto` at {FEW[0]} samples",
             f"On KILLEROO GOLD `auto` has {of_gold.text()} times the relMSE",
             f"The worst seed has {max(errors) / median(errors):.2f} times the median error",
         ],
