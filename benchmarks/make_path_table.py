@@ -12,7 +12,7 @@ written as soon as it is made: an interrupted run continues. Takes some 40 minut
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, TABLES, options, show
+from make_points_table import scene_of
 from rows import read_runs, writer
 from show_points import SKY
 from vary import set_constant
@@ -32,8 +33,6 @@ SPP = 64
 FEWER = 16, 32
 """More budgets of the thesis's scenes, for the figures of error against time."""
 DEPTH = 5
-SIZES = {"cornell": (200, 200), "ten-lights": (200, 150)}
-"""Resolutions of scenes that are not the thesis's."""
 SCENES = ("cornell", *TABLES, "ten-lights")
 MORE_SEEDS = {"cornell": 3, "killeroo-gold": 3}
 """Seeds more than for other scenes, where few paths have most of the error."""
@@ -86,8 +85,17 @@ def concerns(variant: Variant, scene: str) -> bool:
     return {"compensation": scene in SKY, "lights": scene in LAMPS}.get(variant.label, True)
 
 
-def run_scene(name: str, scene: dmis.Scene, csv: Path, seeds: int, spp: int, reference_spp: int) -> None:
-    """Render what the file does not have yet."""
+def run_scene(
+    name: str,
+    scene: dmis.Scene,
+    csv: Path,
+    seeds: int,
+    spp: int,
+    reference_spp: int,
+    variants: Sequence[Variant] = VARIANTS,
+    fewer: Sequence[int] = FEWER,
+) -> None:
+    """Render what the file does not have yet, with `fewer` samples, too, on the thesis's scenes."""
     width, height = scene.camera.resolution
     title = f"{name} {width}×{height}"
     done = {(run.rule, run.spp, run.seed) for run in read_runs(csv).get(title, [])}
@@ -96,9 +104,9 @@ def run_scene(name: str, scene: dmis.Scene, csv: Path, seeds: int, spp: int, ref
     about = {"settings": settings, "parallel": 1}
     wanted = [
         (variant, budget, seed)
-        for budget in (spp, *(n for n in FEWER if n < spp and name not in SIZES))
+        for budget in (spp, *(n for n in fewer if n < spp and name in TABLES))
         for seed in range(seeds + (MORE_SEEDS.get(name, 0) if budget == spp else 0))
-        for variant in VARIANTS
+        for variant in variants
         if concerns(variant, name) and (budget == spp or variant.label in ("independent", "roulette", "auto"))
     ]
     wanted = [turn for turn in wanted if (turn[0].label, turn[1], turn[2]) not in done]
@@ -132,11 +140,7 @@ def main() -> None:
         csv={"type": Path, "default": CSV, "help": "rows of results"},
     )
     for name in given.scenes:
-        if name in SIZES:
-            small = opts.pick(12, 1)
-            scene = dmis.load_scene(name, resolution=tuple(side // small for side in SIZES[name]))
-        else:
-            scene = opts.scene(name, TABLES[name] * opts.pick(8, 1))
+        scene = scene_of(name, opts.pick(8, 1))
         run_scene(name, scene, given.csv, given.seeds, opts.pick(8, SPP), opts.pick(32, 512))
 
 

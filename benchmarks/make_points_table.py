@@ -47,6 +47,13 @@ def plans_of(name: str, most: int) -> list[Plan]:
     return [(rules, SPP, most + MORE_SEEDS.get(name, 0)), *figures]
 
 
+def scene_of(name: str, shrink: int = 1) -> dmis.Scene:
+    """Return a scene at the resolution of the tables, or at a fraction of it."""
+    width, height = SIZES.get(name) or dmis.load_scene(name).camera.resolution
+    shrink *= TABLES.get(name, 1)
+    return dmis.load_scene(name, resolution=(round(width / shrink), round(height / shrink)))
+
+
 def run_plans(name: str, scene: dmis.Scene, plans: Sequence[Plan], csv: Path, reference_spp: int) -> None:
     """Render what the file does not have yet."""
     width, height = scene.camera.resolution
@@ -83,11 +90,7 @@ def main() -> None:
         csv={"type": Path, "default": CSV, "help": "rows of results (default docs/tables/points.csv)"},
     )
     for name in given.scenes:
-        if name in TABLES:
-            scene = opts.scene(name, TABLES[name] * opts.pick(12, 1))
-        else:
-            width, height = SIZES.get(name) or dmis.load_scene(name).camera.resolution
-            scene = dmis.load_scene(name, resolution=(width // opts.pick(8, 1), height // opts.pick(8, 1)))
+        scene = scene_of(name, opts.pick(8, 1))
         run_plans(name, scene, plans_of(name, given.seeds), given.csv, opts.pick(16, 1024))
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from common import ROOT, bold
 from pieces import FOUR
 from rows import markdown, read_runs
 
-from dmis.experiment.convergence import MEASURES, Measure
+from dmis.experiment.convergence import MEASURES, Interval, Measure
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import Run
 
@@ -31,11 +32,11 @@ STEPS = {
 
 
 @cache
-def measured() -> dict[str, dict[str, list[Run]]]:
+def measured(csv: Path = CSV) -> dict[str, dict[str, list[Run]]]:
     """Return the runs of each scene by what is switched on."""
     order = {scene: n for n, scene in enumerate(SCENES)}
     scenes: dict[str, dict[str, list[Run]]] = {}
-    for scene, runs in sorted(read_runs(CSV).items(), key=lambda item: order[item[0].split()[0]]):
+    for scene, runs in sorted(read_runs(csv).items(), key=lambda item: order[item[0].split()[0]]):
         budget = max(run.spp for run in runs)
         for run in runs:
             if run.spp == budget:
@@ -43,9 +44,9 @@ def measured() -> dict[str, dict[str, list[Run]]]:
     return scenes
 
 
-def over(scene: str, label: str, base: str, measure: Measure) -> tuple[float, float] | None:
+def over(scene: str, label: str, base: str, measure: Measure, csv: Path = CSV) -> tuple[float, float] | None:
     """Return error times CPU seconds over that of another, and half of the interval; None without such a step."""
-    runs = measured()[scene]
+    runs = measured(csv)[scene]
     if label not in runs:
         return None
     while base not in runs:
@@ -63,6 +64,19 @@ def steps(measure: Measure) -> list[str]:
         values = [over(scene, *pair, measure) for pair in STEPS.values()]
         lines.append([scene, *("–" if value is None else bold(*value) for value in values)])
     return markdown([MEASURES[measure], *STEPS], lines)
+
+
+def claims(csv: Path = CSV) -> dict[str, Interval]:
+    """Return what `auto` leaves of the errors of `balance` in path tracing."""
+    ratios = {}
+    for scene in measured(csv):
+        for measure, error in MEASURES.items():
+            value, half = over(scene, "auto", "lights", measure, csv) or (np.nan, np.nan)
+            # of the logarithm, so that no interval of few seeds goes below 0
+            ratios[f"{scene} by paths, auto / balance, {error}"] = Interval(
+                value, value * np.exp(-half / value), value * np.exp(half / value)
+            )
+    return ratios
 
 
 def tables() -> dict[str, list[str]]:

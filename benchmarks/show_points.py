@@ -49,11 +49,11 @@ HEAD = (
 
 
 @cache
-def measured() -> dict[str, dict[tuple[str, int], list[Run]]]:
+def measured(csv: Path = CSV) -> dict[str, dict[tuple[str, int], list[Run]]]:
     """Return the runs of each scene by rule and samples per pixel; those without a sky stand for both settings."""
     scenes: dict[str, dict[tuple[str, int], list[Run]]] = {}
     order = (*FOUR, *HELD_OUT)
-    for scene, runs in sorted(read_runs(CSV).items(), key=lambda item: order.index(item[0].split()[0])):
+    for scene, runs in sorted(read_runs(csv).items(), key=lambda item: order.index(item[0].split()[0])):
         of_scene = scenes.setdefault(scene, {})
         for run in runs:
             of_scene.setdefault((run.rule, run.spp), []).append(run)
@@ -63,12 +63,12 @@ def measured() -> dict[str, dict[tuple[str, int], list[Run]]]:
     return scenes
 
 
-def over(scene: str, rule: str, base: str, measure: Measure, spp: int = SPP) -> Interval:
+def over(scene: str, rule: str, base: str, measure: Measure, spp: int = SPP, csv: Path = CSV) -> Interval:
     """Return the error of a rule over that of another in equal CPU time.
 
     That of independent points falls as 1 / time, and needs one budget.
     """
-    runs = measured()[scene]
+    runs = measured(csv)[scene]
     if measure == "mse":
         rule, base = ABSOLUTE.get(rule, rule), ABSOLUTE.get(base, base)
     budgets = [of for (name, n), of in runs.items() if name == base and (n == spp or base not in (PLAIN, PINNED))]
@@ -143,6 +143,18 @@ def front() -> list[str]:
         rows.append([title(scene), *cells, over_mitsuba(scene, "relmse")])
     heads = ("`auto`: relMSE over `balance`", "`auto:error=absolute`: MSE over `balance`")
     return markdown(["scene", *heads, "`auto`: relMSE over Mitsuba's best sampler"], rows)
+
+
+def claims(csv: Path = CSV) -> dict[str, Interval]:
+    """Return what `auto` leaves of the errors of `balance`, and each of the `STEPS` of those of the step before."""
+    pairs = {"auto / balance": (AUTO, SOBOL), "auto / independent points": (AUTO, PLAIN), **STEPS}
+    return {
+        f"{scene}, {name}, {MEASURES[measure]}": over(scene, *pair, measure, csv=csv)
+        for scene in measured(csv)
+        for name, pair in pairs.items()
+        for measure in MEASURES
+        if name != "sky compensation" or scene.split()[0] in SKY
+    }
 
 
 def tables() -> dict[str, list[str]]:

@@ -1,0 +1,87 @@
+"""Repeat the numbers of README and docs/results.md in half an hour: two seeds, wide intervals, the same signs.
+
+    python benchmarks/repeat.py         (or: make publish QUICK=1)
+
+Renders at the full resolution what the ratios of `auto` and of each step need, two scenes at once, and prints each
+ratio beside the published one. A published ratio is not repeated if its interval and that of the new ratio do not meet,
+or if one says that a rule wins and the other that it loses. Exit code 1 if there is such a ratio.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples")]
+
+import make_path_table
+import show_paths
+import show_points
+from make_path_table import VARIANTS, run_scene
+from make_points_table import run_plans, scene_of
+from rows import writer
+
+from dmis.experiment.convergence import Interval
+
+SEEDS = 2
+REFERENCE = 256
+"""Samples per pixel of each half of a reference."""
+
+
+def render(kind: str, name: str, csv: Path) -> str:
+    """Render a scene of ``points`` or ``paths``, and return its name."""
+    scene = scene_of(name)
+    if kind == "paths":
+        variants = [
+            variant for variant in VARIANTS if variant.label in ("roulette", "lights", "auto", "auto, absolute")
+        ]
+        run_scene(name, scene, csv, SEEDS, make_path_table.SPP, REFERENCE, variants, ())
+        return f"{name} by paths"
+    points = show_points
+    rules = [points.PINNED, points.SOBOL, points.COUNTS, points.AUTO, *points.ABSOLUTE.values()]
+    rules += [points.PLAIN, points.PLAIN_SOBOL] if name in points.SKY else []
+    plans = [(rules, points.SPP, SEEDS), ([points.SOBOL], 2 * points.SPP, SEEDS)]
+    run_plans(name, scene, plans, csv, REFERENCE)
+    return name
+
+
+def contradicts(old: Interval, new: Interval) -> bool:
+    """Return whether two intervals do not meet, or lie on the two sides of 1."""
+    apart = old.high < new.low or new.high < old.low
+    return apart or (old.high < 1 < new.low) or (new.high < 1 < old.low)
+
+
+def compare(published: Mapping[str, Interval], repeated: Mapping[str, Interval]) -> Iterator[str]:
+    """Print each ratio of both, and yield the names of those that contradict each other."""
+    for name, new in repeated.items():
+        wrong = contradicts(published[name], new)
+        print(f"{name:70} {published[name].text():25} {new.text():25} {'NOT REPEATED' if wrong else ''}")
+        if wrong:
+            yield name
+
+
+def main() -> int:
+    """Render, compare, and return the exit code."""
+    wrong = []
+    with tempfile.TemporaryDirectory() as folder:
+        files = {kind: Path(folder) / f"{kind}.csv" for kind in ("points", "paths")}
+        for csv in files.values():
+            writer(csv, "")  # its head
+        scenes = {"points": [name.split()[0] for name in show_points.measured()], "paths": show_paths.SCENES}
+        with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+            turns = [pool.submit(render, kind, name, files[kind]) for kind, names in scenes.items() for name in names]
+            for turn in turns:
+                print(turn.result(), flush=True)
+        for module, csv in zip((show_points, show_paths), files.values(), strict=True):
+            wrong += compare(module.claims(module.CSV), module.claims(csv))
+    print(f"not repeated: {', '.join(wrong) or 'none'}")
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
