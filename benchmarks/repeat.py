@@ -14,20 +14,20 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples")]
 
-import make_path_table
 import show_paths
 import show_points
-from make_path_table import VARIANTS, run_scene
-from make_points_table import run_plans, scene_of
 from rows import writer
 
 from dmis.experiment.convergence import Interval
 
+# flat scripts, which the type checker leaves out
+points, paths = (import_module(f"make_{kind}_table") for kind in ("points", "path"))
 SEEDS = 2
 REFERENCE = 256
 """Samples per pixel of each half of a reference."""
@@ -35,18 +35,17 @@ REFERENCE = 256
 
 def render(kind: str, name: str, csv: Path) -> str:
     """Render a scene of ``points`` or ``paths``, and return its name."""
-    scene = scene_of(name)
+    scene = points.scene_of(name)
     if kind == "paths":
-        variants = [
-            variant for variant in VARIANTS if variant.label in ("roulette", "lights", "auto", "auto, absolute")
-        ]
-        run_scene(name, scene, csv, SEEDS, make_path_table.SPP, REFERENCE, variants, ())
+        needed = "roulette", "lights", "auto", "auto, absolute"
+        variants = [variant for variant in paths.VARIANTS if variant.label in needed]
+        paths.run_scene(name, scene, csv, SEEDS, paths.SPP, REFERENCE, variants, ())
         return f"{name} by paths"
-    points = show_points
-    rules = [points.PINNED, points.SOBOL, points.COUNTS, points.AUTO, *points.ABSOLUTE.values()]
-    rules += [points.PLAIN, points.PLAIN_SOBOL] if name in points.SKY else []
-    plans = [(rules, points.SPP, SEEDS), ([points.SOBOL], 2 * points.SPP, SEEDS)]
-    run_plans(name, scene, plans, csv, REFERENCE)
+    rules = [show_points.PINNED, show_points.SOBOL, show_points.COUNTS, show_points.AUTO]
+    rules += show_points.ABSOLUTE.values()
+    rules += [show_points.PLAIN, show_points.PLAIN_SOBOL] if name in show_points.SKY else []
+    plans = [(rules, show_points.SPP, SEEDS), ([show_points.SOBOL], 2 * show_points.SPP, SEEDS)]
+    points.run_plans(name, scene, plans, csv, REFERENCE)
     return name
 
 
@@ -67,7 +66,7 @@ def compare(published: Mapping[str, Interval], repeated: Mapping[str, Interval])
 
 def main() -> int:
     """Render, compare, and return the exit code."""
-    wrong = []
+    wrong: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         files = {kind: Path(folder) / f"{kind}.csv" for kind in ("points", "paths")}
         for csv in files.values():
