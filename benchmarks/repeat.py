@@ -77,7 +77,7 @@ def main() -> int:
             for turn in turns:
                 print(turn.result(), flush=True)
         for module, csv in zip((show_points, show_paths), files.values(), strict=True):
-            wrong += compare(module.claims(module.CSV), module.claims(csv))
+            wrong += compare(module.claims(), module.claims(csv))
     print(f"not repeated: {', '.join(wrong) or 'none'}")
     return int(bool(wrong))
 

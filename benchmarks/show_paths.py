@@ -32,11 +32,11 @@ STEPS = {
 
 
 @cache
-def measured(csv: Path = CSV) -> dict[str, dict[str, list[Run]]]:
+def measured(csv: Path | None = None) -> dict[str, dict[str, list[Run]]]:
     """Return the runs of each scene by what is switched on."""
     order = {scene: n for n, scene in enumerate(SCENES)}
     scenes: dict[str, dict[str, list[Run]]] = {}
-    for scene, runs in sorted(read_runs(csv).items(), key=lambda item: order[item[0].split()[0]]):
+    for scene, runs in sorted(read_runs(csv or CSV).items(), key=lambda item: order[item[0].split()[0]]):
         budget = max(run.spp for run in runs)
         for run in runs:
             if run.spp == budget:
@@ -44,7 +44,7 @@ def measured(csv: Path = CSV) -> dict[str, dict[str, list[Run]]]:
     return scenes
 
 
-def over(scene: str, label: str, base: str, measure: Measure, csv: Path = CSV) -> tuple[float, float] | None:
+def over(scene: str, label: str, base: str, measure: Measure, csv: Path | None = None) -> tuple[float, float] | None:
     """Return error times CPU seconds over that of another, and half of the interval; None without such a step."""
     runs = measured(csv)[scene]
     if label not in runs:
@@ -66,7 +66,7 @@ def steps(measure: Measure) -> list[str]:
     return markdown([MEASURES[measure], *STEPS], lines)
 
 
-def claims(csv: Path = CSV) -> dict[str, Interval]:
+def claims(csv: Path | None = None) -> dict[str, Interval]:
     """Return what `auto` leaves of the errors of `balance` in path tracing."""
     ratios = {}
     for scene in measured(csv):

@@ -50,11 +50,11 @@ HEAD = (
 
 
 @cache
-def measured(csv: Path = CSV) -> dict[str, dict[tuple[str, int], list[Run]]]:
+def measured(csv: Path | None = None) -> dict[str, dict[tuple[str, int], list[Run]]]:
     """Return the runs of each scene by rule and samples per pixel; those without a sky stand for both settings."""
     scenes: dict[str, dict[tuple[str, int], list[Run]]] = {}
     order = (*FOUR, *HELD_OUT)
-    for scene, runs in sorted(read_runs(csv).items(), key=lambda item: order.index(item[0].split()[0])):
+    for scene, runs in sorted(read_runs(csv or CSV).items(), key=lambda item: order.index(item[0].split()[0])):
         of_scene = scenes.setdefault(scene, {})
         for run in runs:
             of_scene.setdefault((run.rule, run.spp), []).append(run)
@@ -64,7 +64,7 @@ def measured(csv: Path = CSV) -> dict[str, dict[tuple[str, int], list[Run]]]:
     return scenes
 
 
-def over(scene: str, rule: str, base: str, measure: Measure, spp: int = SPP, csv: Path = CSV) -> Interval:
+def over(scene: str, rule: str, base: str, measure: Measure, spp: int = SPP, csv: Path | None = None) -> Interval:
     """Return the error of a rule over that of another in equal CPU time.
 
     That of independent points falls as 1 / time, and needs one budget.
@@ -146,7 +146,7 @@ def front() -> list[str]:
     return markdown(["scene", *heads, "`auto`: relMSE over Mitsuba's best sampler"], rows)
 
 
-def claims(csv: Path = CSV) -> dict[str, Interval]:
+def claims(csv: Path | None = None) -> dict[str, Interval]:
     """Return what `auto` leaves of the errors of `balance`, and each of the `STEPS` of those of the step before."""
     pairs = {"auto / balance": (AUTO, SOBOL), "auto / independent points": (AUTO, PLAIN), **STEPS}
     return {

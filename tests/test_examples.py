@@ -258,10 +258,9 @@ MEASUREMENTS = [
     (
         "make_points_table",
         "show_points",
-        ("--seeds", "2", "--most", "2", "--scenes", "tt"),
+        ("--seeds", "2", "--scenes", "tt"),
         {"| tt ": 4, "| geometric mean |": 2},
     ),
-    ("make_error_time", "show_error_time", ("--seeds", "2", "--scenes", "tt"), {"| tt ": 1}),
     ("make_parabola_table", "", ("--seeds", "1"), {"| 4 | ": 4, "nan": 0}),
     pytest.param("make_stability_table", "", (), {"| offset |": 1, "| veach-mis": 1}, marks=pytest.mark.slow),
     pytest.param("make_simplex_table", "", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24}, marks=pytest.mark.slow),
