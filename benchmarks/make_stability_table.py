@@ -17,21 +17,22 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, options
 from rows import markdown, read_rows, write_rows
-from stiff import beside_ball, both, chosen, measure, rounding_errors
+from stiff import ULP, Found, beside_ball, both, chosen, measure, rounding_errors
 
 CSV = ROOT / "docs" / "tables" / "stability.csv"
 FIELDS = ("table", "name", "value", "other", "error", "rms", "largest")
-"""Of ``map`` the relative error of a case by its axis and values; of ``ground`` what the ground of a size reflects over
-the truth, less 1, and the standard error; of ``scenes`` float32 less float64: mean, root mean square, largest."""
-PASS, LOST = 1e-3, 0.5
-"""Relative errors up to which a mean passes, and from which on nothing is left of it."""
-Values = tuple[float, float]
-"""Value of a case, and its error."""
+"""Of ``map`` the relative error of a case by its axis and values, that of ``balance`` or of ``auto``, whichever is
+larger, empty where dmis refuses the case; of ``ground`` what the ground of a size reflects over the truth, less 1, and
+the standard error; of ``scenes`` float32 less float64: mean, root mean square, largest."""
+HELD = 1e-3
+"""Relative error up to which a mean has three correct digits."""
+KINDS = ("held", "refused", "lost")
+"""What becomes of a case: three correct digits at least, a message instead of an image, or fewer digits."""
 
 
 def verdict(error: float) -> str:
-    """Return pass, degraded or lost."""
-    return "pass" if error <= PASS else "lost" if error >= LOST else "degraded"
+    """Return what becomes of a case with a relative error, NaN if dmis refuses it: one of `KINDS`."""
+    return "refused" if np.isnan(error) else "held" if error <= HELD else "lost"
 
 
 def span(values: list[float]) -> str:
@@ -40,20 +41,18 @@ def span(values: list[float]) -> str:
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 
-def axis_row(axis: str, cases: list[Values], two: bool) -> list[str]:
-    """Return the cells of an axis: ranges of values in order, each with what becomes of the mean there."""
-    cells: dict[str, list[str]] = {"pass": [], "degraded": [], "lost": []}
+def axis_row(axis: str, cases: list[tuple[float, float]], two: bool) -> list[str]:
+    """Return the cells of an axis, from values and errors in order: ranges of values by what becomes of the mean."""
+    cells: dict[str, list[str]] = {kind: [] for kind in KINDS}
     for kind, group in groupby(cases, lambda case: verdict(case[1])):
         members = list(group)
-        worst = max(error for _, error in members)
         values = f"{len(members)} cases" if two else span([value for value, _ in members])
-        if kind == "pass":
-            cells[kind].append(f"{values} ({-np.log10(worst):.1f} digits or more)")
-        elif kind == "degraded":
-            cells[kind] += [f"{value:g}: {-np.log10(error):.1f}" for value, error in members]
+        digits = [max(0.0, -np.log10(error)) for _, error in members]
+        if kind == "lost":
+            cells[kind] += [f"{value:g}: {left:.1f}" for (value, _), left in zip(members, digits, strict=True)]
         else:
-            cells[kind].append(values)
-    return [axis, "; ".join(cells["pass"]) or "–", ", ".join(cells["degraded"]) or "–", "; ".join(cells["lost"]) or "–"]
+            cells[kind].append(f"{values} ({min(digits):.1f} digits or more)" if kind == "held" else values)
+    return [axis, *(", ".join(of_kind) or "–" for of_kind in cells.values())]
 
 
 def stiff_map(rows: list[dict[str, str]]) -> list[str]:
@@ -62,10 +61,15 @@ def stiff_map(rows: list[dict[str, str]]) -> list[str]:
     for axis, group in groupby(sorted(rows, key=lambda row: row["name"]), lambda row: row["name"]):
         members = list(group)
         two = bool(members[0]["other"])
-        cases = [(float(row["value"]), float(row["error"])) for row in members]
-        cases.sort(key=lambda case: (case[1] > PASS, case[0]) if two else (False, case[0]))
+        cases = [(float(row["value"]), float(row["error"] or "nan")) for row in members]
+        cases.sort(key=lambda case: (verdict(case[1]), case[0]) if two else ("", case[0]))
         lines.append(axis_row(axis, cases, two))
-    return markdown(["axis", "pass, to at least 3 digits", "degraded: digits that are left", "lost"], lines)
+    return markdown(["axis", "held, to at least 3 digits", "refused", "lost: digits that are left"], lines)
+
+
+def excess(found: Found) -> float:
+    """Return by how much more than four standard errors a mean is off; not less than an ulp."""
+    return max(abs(found.mean - 1) - 4 * max(found.error, np.sqrt(10) / found.samples), ULP)
 
 
 def rows_of(table: str) -> list[dict[str, str]]:
@@ -106,7 +110,9 @@ def main() -> None:
     for case, error in zip(chosen(every), rounding_errors(single["family"], double["family"]), strict=True):
         about = {"name": case.axis, "value": f"{case.value:.10g}"}
         other = "" if case.other is None else f"{case.other:.10g}"
-        rows.append({"table": "map", **about, "other": other, "error": f"{error:.6g}"})
+        of_auto = measure(case, "auto", opts.pick(16, 1024))
+        both_rules = "" if of_auto.refused else f"{min(max(error, excess(of_auto)), 1):.6g}"
+        rows.append({"table": "map", **about, "other": other, "error": both_rules})
     for power in range(8):  # many samples: it is the mean that says whether the shadow is there
         found = measure(beside_ball("ground", 10.0**power), "balance", opts.pick(16, 8192), seed=2)
         rows.append({"table": "ground", "name": power, "error": f"{found.mean - 1:.6g}", "rms": f"{found.error:.6g}"})

@@ -66,6 +66,8 @@ class Case:
         The relative error that float32 may make of it, by what is said in docs/stability.md; from 1 on, all is lost.
     settings
         Of the estimator, where they are not the usual ones.
+    refused
+        Whether dmis says that the scene is too extreme, instead of an image.
     """
 
     axis: str
@@ -75,6 +77,7 @@ class Case:
     rounding: float
     other: float | None = None
     settings: dmis.Settings = field(default_factory=dmis.Settings)
+    refused: bool = False
 
     @cached_property
     def truth(self) -> float:
@@ -226,6 +229,7 @@ def under_sphere(
 
     # directions are off by an ulp or two, by which the lobe is divided; the receiver is nearer than it should be
     rounding = 3 * ULP * (1 + np.sqrt(exponent)) + 3 * LIFT / gap + stretch * ULP
+    rounding += np.inf if ULP * radius > gap or radiance < 1e-42 else 0  # the floor is in the light; no digit is left
     return Case(axis, value, make, solve, rounding, other, settings or dmis.Settings())
 
 
@@ -394,8 +398,11 @@ def family() -> Iterator[Case]:
         )
     for k in range(7):
         yield under_sphere("light distance", EDGE * 10.0**k, radius=0.5, gap=EDGE * 10.0**k)
-    for k in range(-30, 31, 5):
-        yield under_sphere("radiance", 10.0**k, radiance=10.0**k)
+    for k in range(-14, 15, 2):
+        case = under_sphere("light radius", 10.0**k * EDGE, radius=10.0**k * EDGE)
+        yield replace(case, refused=not -13 < k < 12)
+    for k in range(-45, 41, 5):
+        yield replace(under_sphere("radiance", 10.0**k, radiance=10.0**k), refused=k > 38)
     for k in range(9):
         yield under_sky("sun's contrast", 10.0**k)
     for k in range(1, 8):
@@ -410,13 +417,13 @@ def family() -> Iterator[Case]:
         yield beside_ball("ground under a sphere of radius 1", 10.0**k)
     for k in range(2, 8):
         yield under_sphere("slivers", 10.0**k, stretch=10.0**k)
-    for k in range(0, 8):
+    for k in range(11):
         place = Place(offset=EDGE * 10.0**k)
-        yield under_sphere("offset", EDGE * 10.0**k, place=place)
-    for k in range(-12, 13, 3):
-        yield under_sphere("scale", 10.0**k, place=Place(scale=10.0**k))
-    for albedo in (0.0, 1e-30, 1e-6, 0.5, 1.0):
-        yield furnace("albedo", albedo)
+        yield replace(under_sphere("offset", EDGE * 10.0**k, place=place), refused=k > 9)
+    for k in range(-18, 19, 3):
+        yield replace(under_sphere("scale", 10.0**k, place=Place(scale=10.0**k)), refused=k > 17)
+    for albedo in (0.0, 1e-30, 1e-6, 0.5, 1.0, 1.001):
+        yield replace(furnace("albedo", albedo), refused=albedo > 1)
     for name in ("light", "brdf"):
         same = dmis.Settings(techniques=(name, name))
         yield replace(under_sphere(f"identical techniques, {name}", 0.0, settings=same), other=None)
@@ -452,7 +459,7 @@ def measure(case: Case, rule: str, spp: int, seed: int = 1) -> Found:
     try:
         image = dmis.render(case.make(), made, spp, seed=seed, settings=case.settings, parallel=1).image
     except ValueError as error:
-        return Found(np.nan, np.nan, 0, str(error))
+        return Found(np.nan, np.nan, 1, str(error))
     means = image.astype(float).mean(axis=2)
     if case.truth == 0:
         return Found(1 + float(np.abs(means).max()), 0.0, means.size * spp)
