@@ -6,7 +6,8 @@ On scenes of your own, on which no constant of dmis was chosen:
 
 A folder stands for the scene files in it and in its folders. Direct light, Sobol points, one thread, both rules in
 turns; the reference is rendered by ``balance``. Each render is a row of the CSV file, written as soon as it is made.
-A scene takes some minutes. The rows of docs/results.md are those of `show_points.field_rows`.
+The error of ``balance`` at the time of ``auto`` comes from renders of the same and of twice as many samples. A scene
+takes some minutes.
 """
 
 from __future__ import annotations
@@ -29,7 +30,6 @@ from dmis.experiment.convergence import MEASURES
 from dmis.experiment.runs import measure
 
 SCENE_FILES = (".pbrt", ".gltf", ".glb", ".obj")
-RULES = ("balance", "auto")
 
 
 def scene_files(path: Path) -> Iterator[Path]:
@@ -52,11 +52,12 @@ def table(csv: Path) -> list[str]:
     """Return the table of a file of results, of renders that minimise relMSE."""
     rows = []
     for scene, runs in read_runs(csv).items():
-        for spp in sorted({run.spp for run in runs}):
-            auto, balance = ([run for run in runs if (run.rule, run.spp) == (rule, spp)] for rule in RULES[::-1])
-            cells = [cell(*equal_time_ratio(auto, [balance], measure)) for measure in MEASURES]
-            worst = max(run.relmse for run in auto) / max(run.relmse for run in balance)
-            rows.append([scene, str(spp), *cells, f"{worst:.2f}"])
+        of = {turn: [run for run in runs if (run.rule, run.spp) == turn] for turn in {(r.rule, r.spp) for r in runs}}
+        balance = [of_turn for (rule, _), of_turn in of.items() if rule == "balance"]
+        for spp in sorted(spp for rule, spp in of if rule == "auto"):
+            cells = [cell(*equal_time_ratio(of["auto", spp], balance, measure)) for measure in MEASURES]
+            worst, of_balance = (max(run.relmse for run in of[rule, spp]) for rule in ("auto", "balance"))
+            rows.append([scene, str(spp), *cells, f"{worst / of_balance:.2f}"])
     heads = (f"{error} over `balance`" for error in MEASURES.values())
     return markdown(["scene", "samples", *heads, "worst seed over `balance`'s worst"], rows)
 
@@ -86,8 +87,10 @@ def main() -> None:
     for name, scene in zip(names, scenes):
         about = {"settings": dmis.Settings(integrator="direct", sampler="sobol"), "progress": show(name)}
         reference = dmis.make_reference(scene, given.reference, **about)
-        turns = [(rule, spp) for spp in given.spp for rule in RULES]
-        measure(scene, turns, given.seeds, reference, record=writer(given.csv, name), parallel=1, **about)
+        turns = [turn for n in given.spp for turn in (("balance", n), ("auto", n), ("balance", 2 * n))]
+        measure(
+            scene, [*dict.fromkeys(turns)], given.seeds, reference, record=writer(given.csv, name), parallel=1, **about
+        )
     print("\n".join(table(given.csv)))
 
 

@@ -67,13 +67,15 @@ THESIS = (*BALANCE, *renders_of(FOUR, "thesis"))
 AUTO = (*BALANCE, *renders_of(FOUR, "auto"))
 ALL = (*THESIS, *renders_of(FOUR, "auto"))
 INTERIORS = ("interior", "interior-glasses", "interior-door")
-HELD_OUT = renders_of(("veach-mis", "ten-lights", *INTERIORS), "balance integrator=direct", "auto integrator=direct")
+DIRECT = ("balance integrator=direct", "auto integrator=direct")
+PLATES_AND_ROOM = renders_of(("veach-mis", "ten-lights"), *DIRECT)
+HELD_OUT = (*PLATES_AND_ROOM, *renders_of(INTERIORS, *DIRECT))
 PATHS = (*renders_of(("cornell", "ten-lights"), "balance", "auto"), *AUTO)
 BY_PATHS = renders_of(("cornell", "tt", "veach-mis", "ten-lights"), "balance integrator=path")
 CORNELL = renders_of(("cornell",), "auto", "second-moment")
 OTHER_BALANCE = renders_of(("veach-mis", "ten-lights", "cornell"), "balance")
 OTHER_RULES = renders_of(("tt",), "second-moment", "taylor", "neyman")
-BENCH = (*ALL, *HELD_OUT, *renders_of(("cornell",), "balance", "thesis"), *OTHER_RULES)
+BENCH = (*ALL, *PLATES_AND_ROOM, *renders_of(("cornell",), "balance", "thesis"), *OTHER_RULES)
 WEIGHTS = "tables/mis-bench.csv", "tables/weight-bounds.csv", "tables/weight-renders.csv"
 WEIGHT_FIGURES = "images/what-weights-save.webp", "images/edges-and-resolution.webp"
 ERROR_TIME = tuple(f"images/error-time-{scene}.webp" for scene in (*FOUR, "veach-mis", "ten-lights", *INTERIORS))
@@ -89,7 +91,7 @@ PIECES: tuple[Piece, ...] = (
     Piece("mitsuba-errors", "benchmarks/against_mitsuba.py --tables errors", "show_mitsuba", AUTO),
     Piece("mitsuba-paths", "benchmarks/against_mitsuba.py --tables paths", "show_mitsuba", (*BY_PATHS, *CORNELL)),
     Piece("simplex", "benchmarks/make_simplex_table.py", "make_simplex_table", SIMPLEX),
-    Piece("stability", "benchmarks/make_stability_table.py", "make_stability_table", (*BALANCE, *OTHER_BALANCE)),
+    Piece("stability", "benchmarks/make_stability_table.py", "make_stability_table", (*AUTO, *OTHER_BALANCE)),
     Piece("reproduction", "examples/thesis/make_score.py", "score_tables", THESIS),
     Piece("floors", "examples/thesis/make_floors.py", "score_tables", THESIS),
     Piece("mis-bench", "benchmarks/measure_weights.py", "show_weights", BENCH, (*WEIGHTS, *WEIGHT_FIGURES)),
@@ -102,7 +104,7 @@ PIECES: tuple[Piece, ...] = (
     ),
     Piece("parabola", "benchmarks/make_parabola_table.py", "make_parabola_table", THESIS),
     Piece("mitsuba-agreement", "benchmarks/agreement.py", "agreement", BALANCE),
-    Piece("doctor-faults", "benchmarks/doctor_faults.py", "doctor_faults", (*BALANCE, *HELD_OUT)),
+    Piece("doctor-faults", "benchmarks/doctor_faults.py", "doctor_faults", (*BALANCE, *PLATES_AND_ROOM)),
     Piece(
         "error-time-figures",
         "benchmarks/show_error_time.py",
@@ -120,7 +122,7 @@ PIECES: tuple[Piece, ...] = (
         "examples/demo.py",
     ),
     # Pictures that are not in the gallery.
-    picture("doctor", "examples/make_doctor_figure.py", *BALANCE, *HELD_OUT),
+    picture("doctor", "examples/make_doctor_figure.py", *BALANCE, *PLATES_AND_ROOM),
     picture("errors", "examples/make_errors_figure.py", "teapot-area-light balance"),
     picture("stability", "examples/make_stability_figure.py", *BALANCE),
     # Figures of the thesis.
