@@ -11,13 +11,13 @@ time.
 sample, balance heuristic in dmis, power heuristic in Mitsuba. ``LLVM`` has the lobes of dmis (`mitsuba_lobes`), ``own``
 has the nearest of Mitsuba's BSDFs, which makes another image; ``scalar`` has these too.
 
-*Error*: relMSE and MSE times CPU seconds of rules of dmis, pilot and fit included, over those of the best set-ups of
-Mitsuba ``LLVM``: a sampler, lights picked evenly or by power, an environment map with `mis_compensation` or without.
-All lights of the scene shine; Mitsuba picks one for each sample, dmis samples all. First every set-up of Mitsuba
-renders with two seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's
-independent sampler gets as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others
-the nearest number that they allow. ``--tables paths`` has the same by paths. Rows go to docs/tables, from which
-`show_mitsuba` makes the tables; a scene that has rows is not measured again.
+*Error*: relMSE and MSE times CPU seconds of the balance heuristic of dmis over those of the best set-ups of Mitsuba
+``LLVM``: a sampler, lights picked evenly or by power, an environment map with `mis_compensation` or without. All lights
+of the scene shine; Mitsuba picks one for each sample, dmis samples all. First every set-up of Mitsuba renders with two
+seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's independent sampler gets
+as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others the nearest number that
+they allow. ``--tables paths`` has the same by paths. Rows go to docs/tables, from which `show_mitsuba` makes the
+tables; a scene that has rows is not measured again.
 
 Needs ``pip install mitsuba``; the LLVM columns also an LLVM library that it can find (Debian: libllvm19).
 """
@@ -60,8 +60,6 @@ SIZES |= {"veach-mis": (240, 180), "cornell": (200, 200)}
 BY_PATHS = ("cornell", "killeroo-gold", "tt", "killeroo-diffuse")
 DEPTH = 5
 """Surfaces of a path."""
-RULES = {"balance": "balance", "auto": "auto:error=absolute"}
-"""Rules of dmis, and whose MSE is measured in place of theirs."""
 SCREENING_SEED = 1000
 """First seed of the renders that Mitsuba's best set-up is chosen by."""
 Render = Callable[[int, int], np.ndarray]
@@ -264,13 +262,12 @@ def screen(
 def compare_errors(
     scene: dmis.Scene, spp: int, seeds: int, depth: int | None, reference: dmis.Reference
 ) -> list[dict[str, object]]:
-    """Return rows of a table of errors, six for each best set-up of Mitsuba.
+    """Return rows of a table of errors, four for each best set-up of Mitsuba.
 
     `spp` are camera samples per pixel of dmis.
     """
     contestants, anchors = screen(scene, spp, depth, reference)
-    for rule in {*RULES, *RULES.values()}:
-        contestants[rule] = (partial(ours, scene, rule, "sobol", depth), spp)
+    contestants["balance"] = (partial(ours, scene, "balance", "sobol", depth), spp)
     turns = take_turns(contestants, range(1, seeds + 1))
     noise = reference.mse / min(float(turns.errors(name, reference, "mse").mean()) for name in contestants)
     rows: list[dict[str, object]] = []
@@ -278,7 +275,7 @@ def compare_errors(
         if seeds > 1:
             print(f"    {anchor}: error common to all seeds: {turns.common(anchor, reference):.1%}", flush=True)
         pairs = [(OVER_DEFAULT, anchor, str(DEFAULT), measure) for measure in MEASURES]
-        pairs += [(rule, RULES[rule] if m == "mse" else rule, anchor, m) for rule in RULES for m in MEASURES]
+        pairs += [("balance", "balance", anchor, measure) for measure in MEASURES]
         for compared, name, base, measure in pairs:
             ratio = [f"{value:.4g}" for value in (*turns.ratio(name, base, reference, measure), noise)]
             about = (scene.name, seeds, spp, anchor, contestants[anchor][1], compared, measure)

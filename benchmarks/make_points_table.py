@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import TABLES, options, show
 from rows import read_runs, writer
-from show_points import ABSOLUTE, AUTO, CSV, HELD_OUT, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL, SPP, TILT
+from show_points import ABSOLUTE, AUTO, COUNTS, CSV, HELD_OUT, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL, SPP, TILT
 
 import dmis
 from dmis.experiment.runs import measure
@@ -33,18 +33,19 @@ LEAST = {AUTO: 16, ABSOLUTE[AUTO]: 16, TILT: 8}
 """Smallest budgets of rules that need a pilot."""
 SIZES = {"veach-mis": (240, 180), "ten-lights": (200, 150)}
 """Resolutions of the scenes that are not the thesis's; others have that of the file."""
-MORE_SEEDS = {"killeroo-gold": 18}
-"""Seeds more than for other scenes at `SPP`, where few pixels have most of the error."""
+MORE_SEEDS = dict.fromkeys(("killeroo-gold", "interior", "interior-glasses", "interior-door"), 18)
+"""Seeds more than for other scenes, for the table of results, where few pixels have most of the error."""
 Plan = tuple[Sequence[str], int, int]
 """Rules that take turns, camera samples per pixel, and number of seeds."""
 
 
 def plans_of(name: str, most: int) -> list[Plan]:
-    """Return the plans of a scene: all rules at `SPP` with `most` seeds, and the lines of the figures."""
+    """Return the plans of a scene: all rules at `SPP`, rules of the steps with more seeds, lines of the figures."""
     rules = [PINNED, SOBOL, *RULES, *ABSOLUTE.values(), *((PLAIN, PLAIN_SOBOL) if name in SKY else ())]
+    steps = [PINNED, SOBOL, COUNTS, AUTO, *ABSOLUTE.values()]
     lines = [PLAIN if name in SKY else PINNED, SOBOL, TILT, AUTO, ABSOLUTE[AUTO]]
     figures = [([r for r in lines if LEAST.get(r, 0) <= n], n, min(seeds, most)) for n, seeds in BUDGETS.items()]
-    return [(rules, SPP, most + MORE_SEEDS.get(name, 0)), *figures]
+    return [(rules, SPP, most), (steps, SPP, most + MORE_SEEDS.get(name, 0)), *figures]
 
 
 def scene_of(name: str, shrink: int = 1) -> dmis.Scene:
@@ -71,7 +72,7 @@ def run_plans(name: str, scene: dmis.Scene, plans: Sequence[Plan], csv: Path, re
             [(rule, spp) for rule in of_plan],
             range(number),
             reference,
-            done=done,
+            done=read_runs(csv).get(title, []),
             record=lambda run, _: write(run),
             parallel=1,
             progress=show(f"{name} {spp} spp"),

@@ -72,7 +72,6 @@ PLATES_AND_ROOM = renders_of(("veach-mis", "ten-lights"), *DIRECT)
 HELD_OUT = (*PLATES_AND_ROOM, *renders_of(INTERIORS, *DIRECT))
 PATHS = (*renders_of(("cornell", "ten-lights"), "balance", "auto"), *AUTO)
 BY_PATHS = renders_of(("cornell", "tt", "veach-mis", "ten-lights"), "balance integrator=path")
-CORNELL = renders_of(("cornell",), "auto", "second-moment")
 OTHER_BALANCE = renders_of(("veach-mis", "ten-lights", "cornell"), "balance")
 OTHER_RULES = renders_of(("tt",), "second-moment", "taylor", "neyman")
 BENCH = (*ALL, *PLATES_AND_ROOM, *renders_of(("cornell",), "balance", "thesis"), *OTHER_RULES)
@@ -88,8 +87,8 @@ PIECES: tuple[Piece, ...] = (
     Piece("paths", "benchmarks/make_path_table.py", "show_paths", PATHS),
     Piece("speed", "benchmarks/speed.py", "speed", BALANCE, ("tables/speed.csv", "tables/speed-targets.csv")),
     Piece("mitsuba-speed", "benchmarks/against_mitsuba.py --tables speed", "show_mitsuba", BALANCE),
-    Piece("mitsuba-errors", "benchmarks/against_mitsuba.py --tables errors", "show_mitsuba", AUTO),
-    Piece("mitsuba-paths", "benchmarks/against_mitsuba.py --tables paths", "show_mitsuba", (*BY_PATHS, *CORNELL)),
+    Piece("mitsuba-errors", "benchmarks/against_mitsuba.py --tables errors", "show_mitsuba", BALANCE),
+    Piece("mitsuba-paths", "benchmarks/against_mitsuba.py --tables paths", "show_mitsuba", BY_PATHS),
     Piece("simplex", "benchmarks/make_simplex_table.py", "make_simplex_table", SIMPLEX),
     Piece("stability", "benchmarks/make_stability_table.py", "make_stability_table", (*AUTO, *OTHER_BALANCE)),
     Piece("reproduction", "examples/thesis/make_score.py", "score_tables", THESIS),

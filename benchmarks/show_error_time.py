@@ -118,11 +118,11 @@ def figure(scene: str) -> Any:
     rows = 2 if paths[BALANCE] else 1
     drawn, axes = print_canvas(rows, 2, 3.4 * rows, sharex="row")
     for column, (measure, title) in zip(axes.T, MEASURES.items(), strict=True):
-        theirs = show_mitsuba.best(read_rows(show_mitsuba.ERRORS), name, "balance", measure)
+        theirs = show_mitsuba.best(read_rows(show_mitsuba.ERRORS), name, measure)
         draw(column[0], direct(scene, measure), measure, bound(name, measure), theirs)
         column[0].set_title(f"{title}, direct light")
         if rows == 2:
-            theirs = show_mitsuba.best(read_rows(show_mitsuba.PATHS), name, "balance", measure)
+            theirs = show_mitsuba.best(read_rows(show_mitsuba.PATHS), name, measure)
             draw(column[1], paths, measure, None, theirs)
             column[1].set_title(f"{title}, by paths")
         column[-1].set_xlabel("CPU seconds")

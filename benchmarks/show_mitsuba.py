@@ -15,13 +15,13 @@ ERROR_FIELDS = ("scene", "seeds", "spp", "set-up", "its spp", "compared", "measu
 that set-up over Mitsuba's default; `half` is half of the 95 % interval, `noise` the share of the reference's noise in
 the smallest error of the scene."""
 DEFAULT = "over its default"
-COMPARED = {DEFAULT: "over its default", "balance": "`balance`", "auto": "`auto`"}
+COMPARED = {DEFAULT: "over its default", "balance": "`balance`"}
 NAMES = {"relmse": "relMSE", "mse": "MSE"}
 
 
-def best(rows: list[dict[str, str]], scene: str, rule: str, measure: str) -> dict[str, str] | None:
+def best(rows: list[dict[str, str]], scene: str, measure: str) -> dict[str, str] | None:
     """Return the row of Mitsuba's best set-up of all: that with the largest ratio; None if there is none."""
-    of_scene = [r for r in rows if (r["scene"], r["compared"], r["measure"]) == (scene, rule, measure)]
+    of_scene = [r for r in rows if (r["scene"], r["compared"], r["measure"]) == (scene, "balance", measure)]
     return max(of_scene, key=lambda row: float(row["ratio"]), default=None)
 
 

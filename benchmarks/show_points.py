@@ -114,7 +114,7 @@ def over_mitsuba(scene: str, measure: Measure) -> str:
 
     The ratio of `balance` and Mitsuba was measured on another machine; a dash where there is none.
     """
-    best = show_mitsuba.best(read_rows(show_mitsuba.ERRORS), scene.split()[0], "balance", measure)
+    best = show_mitsuba.best(read_rows(show_mitsuba.ERRORS), scene.split()[0], measure)
     if best is None:
         return "–"
     ours, theirs = over(scene, AUTO, SOBOL, measure), float(best["ratio"])
