@@ -21,6 +21,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import TABLES, options, show
+from pieces import INTERIORS
 from rows import read_runs, writer
 from show_points import ABSOLUTE, AUTO, COUNTS, CSV, HELD_OUT, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL, SPP, TILT
 
@@ -31,10 +32,12 @@ BUDGETS = {4: 4, 8: 4, 16: 4, 32: 4, 64: 4, 256: 3, 512: 3}
 """Budgets of the figures beside `SPP`, and their numbers of seeds."""
 LEAST = {AUTO: 16, ABSOLUTE[AUTO]: 16, TILT: 8}
 """Smallest budgets of rules that need a pilot."""
-SIZES = {"veach-mis": (240, 180), "ten-lights": (200, 150)}
+SIZES = {"veach-mis": (240, 180), "ten-lights": (200, 150), **dict.fromkeys(INTERIORS, (240, 135))}
 """Resolutions of the scenes that are not the thesis's; others have that of the file."""
-MORE_SEEDS = dict.fromkeys(("killeroo-gold", "interior", "interior-glasses", "interior-door"), 18)
+MORE_SEEDS = dict.fromkeys(("killeroo-gold", *INTERIORS), 18)
 """Seeds more than for other scenes, for the table of results, where few pixels have most of the error."""
+REFERENCE, MORE_SAMPLES = 1024, dict.fromkeys(INTERIORS, 8192)
+"""Samples per pixel of each half of a reference; more where glints in glass have most of the error."""
 Plan = tuple[Sequence[str], int, int]
 """Rules that take turns, camera samples per pixel, and number of seeds."""
 
@@ -92,7 +95,7 @@ def main() -> None:
     )
     for name in given.scenes:
         scene = scene_of(name, opts.pick(8, 1))
-        run_plans(name, scene, plans_of(name, given.seeds), given.csv, opts.pick(16, 1024))
+        run_plans(name, scene, plans_of(name, given.seeds), given.csv, opts.pick(16, MORE_SAMPLES.get(name, REFERENCE)))
 
 
 if __name__ == "__main__":
