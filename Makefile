@@ -32,7 +32,7 @@ demo: $(READY)  ## render the teapot by three rules in the same time, print the 
 figures: $(READY)  ## draw the figures of the thesis for figures/index.html and docs/figures (15 minutes); FIGURES=/: all, hours
 	$(BIN)/python examples/make_figures.py --publish docs --only $(FIGURES)
 
-publish: $(READY)  ## make tables and pictures of the pages that are older than what decides them (hours; continues); QUICK=1: repeat the results by two seeds (half an hour)
+publish: $(READY)  ## make tables and pictures of the pages that are older than what decides them (hours; continues); QUICK=1: repeat the results by three seeds (half an hour)
 	$(BIN)/python benchmarks/$(if $(QUICK),repeat,publish).py
 
 tables: $(READY)  ## list the tables and pictures of the pages, and why some of them are old

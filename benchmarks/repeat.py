@@ -1,10 +1,11 @@
-"""Repeat the numbers of README and docs/results.md in half an hour: two seeds, wide intervals, the same signs.
+"""Repeat the numbers of README and docs/results.md in half an hour: three seeds, wide intervals, the same signs.
 
     python benchmarks/repeat.py         (or: make publish QUICK=1)
 
-Renders at the full resolution what the ratios of `auto` and of each step need, two scenes at once, and prints each
-ratio beside the published one. A published ratio is not repeated if its interval and that of the new ratio do not meet,
-or if one says that a rule wins and the other that it loses. Exit code 1 if there is such a ratio.
+Renders at the full resolution what the ratios of `auto`, at all budgets of the table of losses, and of each step need,
+two scenes at once, and prints each ratio beside the published one. A published ratio is not repeated if its interval
+and that of the new ratio do not meet, or if one says that a rule wins and the other that it loses. Exit code 1 if there
+is such a ratio.
 """
 
 from __future__ import annotations
@@ -28,24 +29,26 @@ from dmis.experiment.convergence import Interval
 
 # flat scripts, which the type checker leaves out
 points, paths = (import_module(f"make_{kind}_table") for kind in ("points", "path"))
-SEEDS = 2
-REFERENCE = 256
-"""Samples per pixel of each half of a reference."""
+SEEDS = 3
+LESS = 4
+"""How many times fewer samples than those of the tables the references have."""
 
 
 def render(kind: str, name: str, csv: Path) -> str:
     """Render a scene of ``points`` or ``paths``, and return its name."""
-    scene = points.scene_of(name)
+    scene, reference = points.scene_of(name), points.MORE_SAMPLES.get(name, points.REFERENCE) // LESS
     if kind == "paths":
         needed = "roulette", "lights", "auto", "auto, absolute"
         variants = [variant for variant in paths.VARIANTS if variant.label in needed]
-        paths.run_scene(name, scene, csv, SEEDS, paths.SPP, REFERENCE, variants, ())
+        paths.run_scene(name, scene, csv, SEEDS, paths.SPP, reference // 2, variants, ())
         return f"{name} by paths"
     rules = [show_points.PINNED, show_points.SOBOL, show_points.COUNTS, show_points.AUTO]
     rules += show_points.ABSOLUTE.values()
     rules += [show_points.PLAIN, show_points.PLAIN_SOBOL] if name in show_points.SKY else []
-    plans = [(rules, show_points.SPP, SEEDS), ([show_points.SOBOL], 2 * show_points.SPP, SEEDS)]
-    points.run_plans(name, scene, plans, csv, REFERENCE)
+    auto = [show_points.SOBOL, show_points.AUTO, show_points.ABSOLUTE[show_points.AUTO]]
+    plans = [(rules, show_points.SPP, SEEDS), (auto[:1], 2 * show_points.SPP, SEEDS)]
+    plans += [(auto, spp, SEEDS) for spp in show_points.FEW[:-1]]
+    points.run_plans(name, scene, plans, csv, reference)
     return name
 
 

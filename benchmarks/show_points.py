@@ -148,12 +148,13 @@ def front() -> list[str]:
 
 def claims(csv: Path | None = None) -> dict[str, Interval]:
     """Return what `auto` leaves of the errors of `balance`, and each of the `STEPS` of those of the step before."""
-    pairs = {"auto / balance": (AUTO, SOBOL), "auto / independent points": (AUTO, PLAIN), **STEPS}
+    pairs = {"auto / independent points": (AUTO, PLAIN, SPP), **{name: (*pair, SPP) for name, pair in STEPS.items()}}
+    pairs |= {f"auto / balance at {spp}": (AUTO, SOBOL, spp) for spp in FEW}
     return {
-        f"{scene}, {name}, {MEASURES[measure]}": over(scene, *pair, measure, csv=csv)
+        f"{scene}, {name}, {error}": over(scene, rule, base, measure, spp, csv)
         for scene in measured(csv)
-        for name, pair in pairs.items()
-        for measure in MEASURES
+        for name, (rule, base, spp) in pairs.items()
+        for measure, error in MEASURES.items()
         if name != "sky compensation" or scene.split()[0] in SKY
     }
 
