@@ -77,7 +77,11 @@ def over(scene: str, rule: str, base: str, measure: Measure, spp: int = SPP, csv
 
 
 def cell(value: float, low: float, high: float) -> str:
-    """Return a ratio and its interval, bold if all of it is below 1."""
+    """Return a ratio and its interval, bold if all of it is below 1; dashes where there are too few seeds for them."""
+    if math.isnan(value):
+        return "–"
+    if not high <= 100 * low:
+        return f"{value:.3f} (–)"
     text = f"{value:.3f} ({low:.3f}–{high:.3f})"
     return f"**{text}**" if high < 1 else text
 
