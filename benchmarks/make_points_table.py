@@ -34,7 +34,7 @@ LEAST = {AUTO: 16, ABSOLUTE[AUTO]: 16, TILT: 8}
 """Smallest budgets of rules that need a pilot."""
 SIZES = {"veach-mis": (240, 180), "ten-lights": (200, 150), **dict.fromkeys(INTERIORS, (240, 135))}
 """Resolutions of the scenes that are not the thesis's; others have that of the file."""
-MORE_SEEDS = dict.fromkeys(("killeroo-gold", *INTERIORS), 18)
+MORE_SEEDS = {"killeroo-gold": 18, "interior": 18, "interior-glasses": 6, "interior-door": 6}
 """Seeds more than for other scenes, for the table of results, where few pixels have most of the error."""
 REFERENCE, MORE_SAMPLES = 1024, dict.fromkeys(INTERIORS, 8192)
 """Samples per pixel of each half of a reference; more where glints in glass have most of the error."""
