@@ -79,7 +79,6 @@ WEIGHTS = "tables/mis-bench.csv", "tables/weight-bounds.csv", "tables/weight-ren
 WEIGHT_FIGURES = "images/what-weights-save.webp", "images/edges-and-resolution.webp"
 ERROR_TIME = tuple(f"images/error-time-{scene}.webp" for scene in (*FOUR, "veach-mis", "ten-lights", *INTERIORS))
 DEMO = renders_of(FOUR[:1], "balance", "thesis", "auto")
-SIMPLEX = (*BALANCE, "tt simplex", "teapot-area-light fixed")
 
 PIECES: tuple[Piece, ...] = (
     # Measurements.
@@ -89,7 +88,6 @@ PIECES: tuple[Piece, ...] = (
     Piece("mitsuba-speed", "benchmarks/against_mitsuba.py --tables speed", "show_mitsuba", BALANCE),
     Piece("mitsuba-errors", "benchmarks/against_mitsuba.py --tables errors", "show_mitsuba", BALANCE),
     Piece("mitsuba-paths", "benchmarks/against_mitsuba.py --tables paths", "show_mitsuba", BY_PATHS),
-    Piece("simplex", "benchmarks/make_simplex_table.py", "make_simplex_table", SIMPLEX),
     Piece("stability", "benchmarks/make_stability_table.py", "make_stability_table", (*AUTO, *OTHER_BALANCE)),
     Piece("reproduction", "examples/thesis/make_score.py", "score_tables", THESIS),
     Piece("floors", "examples/thesis/make_floors.py", "score_tables", THESIS),

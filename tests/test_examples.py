@@ -263,7 +263,6 @@ MEASUREMENTS = [
     ),
     ("make_parabola_table", "", ("--seeds", "1"), {"| 4 | ": 4, "nan": 0}),
     pytest.param("make_stability_table", "", (), {"| offset |": 1, "| veach-mis": 1}, marks=pytest.mark.slow),
-    pytest.param("make_simplex_table", "", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24}, marks=pytest.mark.slow),
     pytest.param(
         "make_path_table", "show_paths", ("--seeds", "2"), {"| cornell ": 2, "| tt ": 2}, marks=pytest.mark.slow
     ),
