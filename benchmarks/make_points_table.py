@@ -9,9 +9,9 @@ and `auto` are measured twice, because they minimise relMSE by default, and MSE 
 the figures of error against time also have budgets from 4 to 512 samples. Scenes are the thesis's four, and those that
 are held out.
 
-One thread, CPU seconds, all rules in turns. Each render is a row of docs/tables/points.csv, written as soon as it is
-made; an interrupted run continues after the last. Remove the file to measure again: some 20 minutes for each scene.
-`show_points` and `show_error_time` make the tables and figures.
+One thread, CPU seconds, all rules in turns, two scenes at once. Each render is a row of docs/tables/points.csv, written
+as soon as it is made; an interrupted run continues after the last. Remove the file to measure again: some 20 minutes
+for each scene. `show_points` and `show_error_time` make the tables and figures.
 """
 
 import sys
@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import TABLES, options, show
 from pieces import INTERIORS
-from rows import read_runs, writer
+from rows import read_runs, two_at_once, writer
 from show_points import ABSOLUTE, AUTO, COUNTS, CSV, HELD_OUT, PINNED, PLAIN, PLAIN_SOBOL, RULES, SKY, SOBOL, SPP, TILT
 
 import dmis
@@ -93,9 +93,13 @@ def main() -> None:
         scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes (default: all)"},
         csv={"type": Path, "default": CSV, "help": "rows of results (default docs/tables/points.csv)"},
     )
+    writer(given.csv, "")  # the head of the file
+    turns = []
     for name in given.scenes:
+        reference_spp = opts.pick(16, MORE_SAMPLES.get(name, REFERENCE))
         scene = scene_of(name, opts.pick(8, 1))
-        run_plans(name, scene, plans_of(name, given.seeds), given.csv, opts.pick(16, MORE_SAMPLES.get(name, REFERENCE)))
+        turns.append((name, scene, plans_of(name, given.seeds), given.csv, reference_spp))
+    list(two_at_once(run_plans, turns))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ class Piece:
     name
         What `publish` calls it.
     command
-        Words behind ``python``, run from the root of the project; takes at most 40 minutes on two cores.
+        Words behind ``python``, run from the root of the project; takes at most two hours on two cores.
     module
         Module with ``tables()``, in benchmarks, examples or examples/thesis; empty for pictures.
     renders

@@ -10,11 +10,9 @@ is such a ratio.
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from pathlib import Path
 
@@ -23,7 +21,7 @@ sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "examples")]
 
 import show_paths
 import show_points
-from rows import writer
+from rows import two_at_once, writer
 
 from dmis.experiment.convergence import Interval
 
@@ -75,10 +73,9 @@ def main() -> int:
         for csv in files.values():
             writer(csv, "")  # its head
         scenes = {"points": [name.split()[0] for name in show_points.measured()], "paths": show_paths.SCENES}
-        with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
-            turns = [pool.submit(render, kind, name, files[kind]) for kind, names in scenes.items() for name in names]
-            for turn in turns:
-                print(turn.result(), flush=True)
+        turns = [(kind, name, files[kind]) for kind, names in scenes.items() for name in names]
+        for done in two_at_once(render, turns):
+            print(done, flush=True)
         for module, csv in zip((show_points, show_paths), files.values(), strict=True):
             wrong += compare(module.claims(), module.claims(csv))
     print(f"not repeated: {', '.join(wrong) or 'none'}")

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, fields
+from itertools import starmap
 from pathlib import Path
 
 from dmis.experiment.runs import Run
@@ -53,3 +56,13 @@ def writer(path: Path, scene: str) -> Callable[..., None]:
             csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow({"scene": scene, **asdict(run)})
 
     return write
+
+
+def two_at_once(function: Callable[..., object], turns: Sequence[tuple[object, ...]]) -> Iterator[object]:
+    """Yield what a function returns for each turn of arguments; two processes share them if there are several."""
+    if len(turns) == 1:
+        yield from starmap(function, turns)
+        return
+    with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+        for future in [pool.submit(function, *turn) for turn in turns]:
+            yield future.result()

@@ -258,7 +258,7 @@ MEASUREMENTS = [
     ("make_points_table", "show_points", ("--seeds", "2", "--scenes", "tt"), {"| geometric mean |": 2}),
     ("make_parabola_table", "", ("--seeds", "1"), {"| 4 | ": 4, "nan": 0}),
     pytest.param("make_stability_table", "", (), {"| offset |": 1, "| veach-mis": 1}, marks=pytest.mark.slow),
-    pytest.param("make_path_table", "show_paths", ("--seeds", "2"), {"| cornell ": 2}, marks=pytest.mark.slow),
+    ("make_path_table", "show_paths", ("--seeds", "2", "--scenes", "tt"), {"| tt ": 2}),
 ]
 """Scripts that measure, the module with their tables if it is another, arguments, and parts of the tables."""
 
