@@ -35,6 +35,8 @@ FEWER = 16, 32
 """More budgets of the thesis's scenes, for the figures of error against time."""
 DEPTH = 5
 SCENES = ("cornell", *TABLES, "ten-lights")
+REFERENCE = 512
+"""Samples per pixel of each half of a reference."""
 MORE_SEEDS = {"cornell": 3, "killeroo-gold": 3}
 """Seeds more than for other scenes, where few paths have most of the error."""
 LAMPS = ("ten-lights",)
@@ -141,7 +143,7 @@ def main() -> None:
         csv={"type": Path, "default": CSV, "help": "rows of results"},
     )
     writer(given.csv, "")  # the head of the file
-    budgets = opts.pick(8, SPP), opts.pick(32, 512)
+    budgets = opts.pick(8, SPP), opts.pick(32, REFERENCE)
     turns = [(name, scene_of(name, opts.pick(8, 1)), given.csv, given.seeds, *budgets) for name in given.scenes]
     list(two_at_once(run_scene, turns))
 

@@ -4,8 +4,8 @@
 
 Renders at the full resolution what the ratios of `auto`, at all budgets of the table of losses, and of each step need,
 two scenes at once, and prints each ratio beside the published one. A published ratio is not repeated if its interval
-and that of the new ratio do not meet, or if one says that a rule wins and the other that it loses. Exit code 1 if there
-is such a ratio.
+and that of the new ratio, with an allowance for CPU seconds, do not meet, or if one says that a rule wins and the other
+that it loses. Exit code 1 if there is such a ratio.
 """
 
 from __future__ import annotations
@@ -28,17 +28,19 @@ from dmis.experiment.convergence import Interval
 # flat scripts, which the type checker leaves out
 points, paths = (import_module(f"make_{kind}_table") for kind in ("points", "path"))
 SEEDS = 3
-LESS = 4
-"""How many times fewer samples than those of the tables the references have."""
+FEWER = 4
+"""How many times fewer samples the references of paths, and of scenes with many, have than for the tables."""
+SECONDS = 1.15
+"""Factor by which two runs may differ in CPU seconds, which no interval over seeds contains."""
 
 
 def render(kind: str, name: str, csv: Path) -> str:
     """Render a scene of ``points`` or ``paths``, and return its name."""
-    scene, reference = points.scene_of(name), points.MORE_SAMPLES.get(name, points.REFERENCE) // LESS
+    scene, reference = points.scene_of(name), points.MORE_SAMPLES.get(name, FEWER * points.REFERENCE) // FEWER
     if kind == "paths":
         needed = "roulette", "lights", "auto", "auto, absolute"
         variants = [variant for variant in paths.VARIANTS if variant.label in needed]
-        paths.run_scene(name, scene, csv, SEEDS, paths.SPP, reference // 2, variants, ())
+        paths.run_scene(name, scene, csv, SEEDS, paths.SPP, paths.REFERENCE // FEWER, variants, ())
         return f"{name} by paths"
     rules = [show_points.PINNED, show_points.SOBOL, show_points.COUNTS, show_points.AUTO]
     rules += show_points.ABSOLUTE.values()
@@ -51,8 +53,8 @@ def render(kind: str, name: str, csv: Path) -> str:
 
 
 def contradicts(old: Interval, new: Interval) -> bool:
-    """Return whether two intervals do not meet, or lie on the two sides of 1."""
-    apart = old.high < new.low or new.high < old.low
+    """Return whether two intervals do not meet, times being uncertain, or lie on the two sides of 1."""
+    apart = SECONDS * old.high < new.low or SECONDS * new.high < old.low
     return apart or (old.high < 1 < new.low) or (new.high < 1 < old.low)
 
 
