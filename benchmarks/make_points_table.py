@@ -20,6 +20,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
+import show_points
 from common import TABLES, options, show
 from pieces import INTERIORS
 from rows import read_runs, two_at_once, writer
@@ -100,6 +101,8 @@ def main() -> None:
         scene = scene_of(name, opts.pick(8, 1))
         turns.append((name, scene, plans_of(name, given.seeds), given.csv, reference_spp))
     list(two_at_once(run_plans, turns))
+    for ratio, interval in show_points.claims(given.csv).items():
+        print(f"{ratio:70} {interval.text()}")
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ def axis_row(axis: str, cases: list[tuple[float, float]], two: bool) -> list[str
     for kind, group in groupby(cases, lambda case: verdict(case[1])):
         members = list(group)
         values = f"{len(members)} cases" if two else span([value for value, _ in members])
-        digits = [max(0.0, -np.log10(error)) for _, error in members]
+        digits = [max(0.0, np.floor(-10 * np.log10(error)) / 10) for _, error in members]
         if kind == "lost":
             cells[kind] += [f"{value:g}: {left:.1f}" for (value, _), left in zip(members, digits, strict=True)]
         else:

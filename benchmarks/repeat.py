@@ -10,9 +10,10 @@ that it loses. Exit code 1 if there is such a ratio.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -67,8 +68,9 @@ def compare(published: Mapping[str, Interval], repeated: Mapping[str, Interval])
             yield name
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Render, compare, and return the exit code."""
+    argparse.ArgumentParser(description=str(__doc__).split("\n", 1)[0]).parse_args(arguments)
     wrong: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         files = {kind: Path(folder) / f"{kind}.csv" for kind in ("points", "paths")}

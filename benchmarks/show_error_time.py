@@ -115,7 +115,7 @@ def figure(scene: str) -> Any:
     """Return the figure of a scene."""
     name = scene.split()[0]
     paths = by_paths(scene)
-    rows = 2 if paths[BALANCE] else 1
+    rows = 2 if len(paths[BALANCE]) > 1 else 1
     drawn, axes = print_canvas(rows, 2, 3.4 * rows, sharex="row")
     for column, (measure, title) in zip(axes.T, MEASURES.items(), strict=True):
         theirs = show_mitsuba.best(read_rows(show_mitsuba.ERRORS), name, measure)

@@ -131,7 +131,7 @@ def test_ratios_that_contradict_each_other() -> None:
 @pytest.mark.slow
 def test_results_are_repeated() -> None:
     """Half an hour: three seeds of all scenes."""
-    assert repeat.main() == 0
+    assert repeat.main([]) == 0
 
 
 # The error in equal time over a baseline: closed forms, coverage of its interval --------------------------------------
