@@ -25,7 +25,7 @@ RULES = (*TITLES, "auto")
 # %%
 # The variance of one camera sample is the variance of the image times the number of
 # camera samples.
-figure, axes = print_canvas(len(SIZES), 4, 2.2 * len(SIZES))
+figure, axes = print_canvas(len(SIZES), 4, 1.2 * len(SIZES))
 rows = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
 for line, (name, (width, height)) in zip(axes, SIZES.items(), strict=True):
     scene = dmis.load_scene(name, resolution=(width // SHRINK, height // SHRINK))
