@@ -12,7 +12,7 @@ def test_every_scene_and_feature_is_among_the_configurations() -> None:
     assert len(table) >= 81
     scenes = {configuration["scene"] for configuration in table.values()}
     features = {f"teapot-area-light with {feature}" for feature in frozen.FEATURES}
-    assert scenes == {*frozen.SCENES, *frozen.FLAT, "tt-overcast", *features}
+    assert scenes == {*frozen.SCENES, *frozen.INTERIORS, *frozen.FLAT, "tt-overcast", *features}
 
 
 @pytest.mark.parametrize("feature", frozen.FEATURES)

@@ -116,7 +116,8 @@ def remove_checkpoint(path: str | os.PathLike[str]) -> None:
         if KEY not in names or not all(map(_OUR_NAMES.fullmatch, names)):
             raise ValueError(f"{folder} is not removed: it is not a checkpoint, or has other files in it; remove it")
         folder.rename(removed)  # in one step: a process that shares it writes nothing into it any more
-        shutil.rmtree(removed, ignore_errors=True)
+        for _ in range(2):  # a file that such a process was just opening may have been missed
+            shutil.rmtree(removed, ignore_errors=True)
 
 
 def _read_film(path: Path) -> Film:
